@@ -13,7 +13,7 @@ namespace itn {
 namespace {
 
 constexpr int kWidth = 900, kHeight = 360;
-// Of the chart's field within its picture.
+// The margins of the chart's field within its picture.
 constexpr int kLeft = 70, kRight = 20, kTop = 40, kBottom = 50;
 
 // Okabe and Ito's, which people with colour blindness can tell apart.

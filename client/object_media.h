@@ -10,7 +10,7 @@
 
 namespace itn {
 
-// Of red, green and blue, the number of that by which a medium is taken. Luminance is mostly green.
+// The number of red, green or blue by which a medium is taken. Luminance is mostly green.
 size_t number_of_channel(v1::Film::Channel shown);
 
 // A measured medium, where an object stands for a thing whose longest side is `size`, in mm; 0: its

@@ -40,7 +40,7 @@ std::vector<double> noise_levels(const EvaluateOptions& options, const v1::Model
   return {model.noise(), model.noise() / 2, 0};
 }
 
-// Of who has not looked at the images.
+// The contender who has not looked at the images.
 Contender baseline(const std::string& name, std::vector<Material> predictions,
                    const LabelledImages& images) {
   Contender candidate;
@@ -101,7 +101,7 @@ void add_image_errors(const EvaluateOptions& options, const LabelledImages& imag
   evaluation.set_rerendered(static_cast<uint32_t>(chosen.size()));
 }
 
-// Of the first checkpoint.
+// Draws the errors of the first checkpoint.
 void write_picture(const EvaluateOptions& options, const LabelledImages& images,
                    const Contender& candidate, DatasetReader& dataset, RenderPool& pool) {
   std::vector<PanelRow> rows;

@@ -147,7 +147,7 @@ v1::Scene for_search(v1::Scene scene) {
   return scene;
 }
 
-// Of one for all or one for each.
+// The value of photograph i, where there is one for all or one for each.
 std::optional<double> of_photograph(const std::vector<double>& all, size_t i) {
   if (all.empty()) return {};
   return all[std::min(i, all.size() - 1)];
@@ -345,7 +345,7 @@ void write_report(const FitOptions& options, const std::string& scene, const fs:
   const double size = longest_side(object_bounds("scene.object", load_scene(scene).object()));
   std::vector<Material> materials;
   for (const v1::RefineResult& one : result.results()) {
-    // Of an object of 1 mm.
+    // The materials are those of an object of 1 mm.
     materials.push_back(from_proto(one.material()));
     materials.back().sigma_t *= size;
   }

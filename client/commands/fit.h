@@ -41,8 +41,8 @@ struct FitOptions {
   RefineOptions refine;  // mesh unit, start, limits, output, workers
 };
 
-// As said; or 0.03 by flash, and 0.06 in a panorama, where the object shades the card; without one
-// 0.
+// The error of the card's reflectance: as said; or 0.03 by flash, and 0.06 in a panorama, where the
+// object shades the card; without one 0.
 double card_error_of(const FitOptions& options);
 
 void run_fit(const FitOptions& options);

@@ -29,7 +29,7 @@ namespace {
 // Where the camera looks, in mm before it.
 constexpr double kAhead = 1000;
 
-// Of a lamp of a phone, in mm. A lamp that has a size has a derivative in its place.
+// The radius of a phone's lamp, in mm. A lamp that has a size has a derivative in its place.
 constexpr float kFlashRadius = 2;
 
 void set(v1::Vec3& to, Vec3d from) {
@@ -38,7 +38,7 @@ void set(v1::Vec3& to, Vec3d from) {
   to.set_z(static_cast<float>(from.z));
 }
 
-// As an axis and an angle.
+// Writes a rotation as an axis and an angle.
 void set_rotation(const Rotation<double>& rotation, v1::Rotation& to) {
   const double trace = rotation.x.x + rotation.y.y + rotation.z.z;
   const double angle = std::acos(std::clamp((trace - 1) / 2, -1.0, 1.0));

@@ -18,7 +18,7 @@ namespace itn {
 
 // What relates the numbers of a photograph's file to the light of its scene.
 struct Exposure {
-  // As EXIF says them.
+  // What EXIF says of the exposure.
   std::optional<double> seconds, f_number, iso;
   std::vector<double> factors;  // by channel, as the gray card says; else 1
 };
@@ -47,8 +47,8 @@ struct FitPhotograph {
 FitPhotograph load_fit_photograph(const std::string& name, const FitOptions& options,
                                   const std::optional<Exposure>& first = {});
 
-// Of its lens, as is said, or by EXIF: in pixels of the photograph. Throws Error (invalid input) if
-// neither says it.
+// The focal length of its lens in pixels of the photograph, as is said, or by EXIF. Throws Error
+// (invalid input) if neither says it.
 double focal_in_pixels(const PhotographContent& content, const std::string& name,
                        std::optional<double> length_35mm);
 

@@ -130,7 +130,7 @@ struct Changes {
   }
 };
 
-// Where in the image a pixel is.
+// Columns of where in the image each pixel is.
 std::vector<std::vector<float>> places(size_t pixels, size_t width) {
   std::vector<std::vector<float>> planes(2);
   for (size_t p = 0; p < pixels; ++p) {
@@ -141,7 +141,8 @@ std::vector<std::vector<float>> places(size_t pixels, size_t width) {
   return planes;
 }
 
-// Where it is, how deep what it shows, and how that is turned; means over 4 x 4 places in it.
+// Columns of where each pixel is, how deep what it shows lies, and how that is turned: means over 4
+// x 4 places in it.
 std::vector<std::vector<float>> surface_of(const FitPhotograph& photograph, const Mesh& mesh,
                                            const Pose& pose) {
   constexpr int kFine = 4;
@@ -280,8 +281,8 @@ class LightSearch {
     Stand stand;
   };
 
-  // Where light from there fits better than from places about it, all the way round, with materials
-  // of all kinds; at each of some heights of the sun, where that is not known.
+  // Stands of the light that fit better than those about them, all the way round, with materials of
+  // all kinds; at each of some heights of the sun, where that is not known.
   std::vector<Found> stands() const {
     if (!finds_elevation(options_)) return stands_at(said_.sun_elevation);
     std::vector<Found> all;
@@ -349,14 +350,14 @@ class LightSearch {
     return minima;
   }
 
-  // Of a parabola through three values at -1, 0 and 1, where it is least: no further than 1.
+  // The place of the least value of a parabola through values at -1, 0 and 1, no further than 1.
   static double vertex(double before, double middle, double after) {
     const double curvature = before - 2 * middle + after;
     if (curvature <= 0) return before < after ? -1 : 1;
     return std::clamp((before - after) / (2 * curvature), -1.0, 1.0);
   }
 
-  // Of each stand, of the material that is best there.
+  // The loss of each stand by the material that is best there.
   std::vector<double> least_losses(std::span<const Stand> stands,
                                    std::span<const Material> materials, uint32_t spp) const {
     constexpr uint32_t kEstimates = 2;

@@ -44,7 +44,7 @@ Disturbances disturbances_of_g(const v1::Scene& scene, const std::vector<Materia
                                const std::vector<float>& mask, const FitOptions& options,
                                RenderPool& pool);
 
-// As itn refine reads them.
+// Adds channels that itn refine reads.
 void add_disturbances(const Disturbances& disturbances, Image& image);
 
 // The material of another g that looks about alike.

@@ -59,7 +59,7 @@ inline std::pair<std::string, double> named_number(const std::string& flag, cons
   return {text.substr(0, equals), value};
 }
 
-// Of an address where others are lists.
+// Takes one address where other flags take lists.
 inline const CLI::Validator kOneServer(
     [](const std::string& text) {
       const bool one = text.find(',') == std::string::npos;
@@ -67,7 +67,7 @@ inline const CLI::Validator kOneServer(
     },
     "", "");
 
-// Of names and versions of models, which go to terminals and logs.
+// The most characters of names and versions of models, which go to terminals and logs.
 constexpr size_t kMaxModelName = 100;
 inline bool fits_model_name(char c) {
   return c >= ' ' && c <= '~';

@@ -240,7 +240,7 @@ v1::PredictBatchReply predictions_of(const Predict& predict, const Group& group,
   return reply;
 }
 
-// Of one material, by the photographs of a group that could be used.
+// The answer for one material by those photographs of a group that could be used.
 v1::Prediction combined_prediction(const Group& group, const v1::PredictBatchReply& reply) {
   std::string names;
   const PredictInput* first = nullptr;

@@ -47,7 +47,7 @@ void add_photograph_flags(CLI::App& command, PhotographOptions& options) {
   card->excludes(exposure);
 }
 
-// Of one image or one material.
+// Adds what is printed of one image or one material.
 void add_flags_for_people(CLI::App& command, PredictOptions& options) {
   command.add_option(
       "--picture", options.picture,

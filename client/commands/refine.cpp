@@ -128,7 +128,7 @@ std::vector<Observation> load_observations(const std::string& name, const v1::Sc
   return observations;
 }
 
-// Those of each image are its own.
+// Gives the disturbances of each image coordinates of their own.
 void tell_disturbances_apart(std::vector<Observation>& observations) {
   size_t first = 0;
   for (size_t i = 0; i < observations.size(); ++i) {
@@ -245,7 +245,7 @@ v1::RefineSettings settings_of(const RefineOptions& options) {
   return settings;
 }
 
-// As the scene has it, or as it was found.
+// Sets the boundary as the scene has it, or as it was found.
 void set_boundary(const v1::Object& object, v1::RefineResult& result) {
   if (object.has_dielectric()) {
     const v1::Dielectric& smooth = object.dielectric();

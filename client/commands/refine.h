@@ -50,7 +50,7 @@ std::vector<float> radiance_of(const Image& image, const std::vector<std::string
 // kUsage if they are not as many, and (invalid input) if their films are of different channels.
 std::vector<v1::Scene> load_scenes(const RefineOptions& options);
 
-// Of a pixel that was averaged: it is on the object if so much of it was, and clipped if more was.
+// A pixel that was averaged is on the object if so much of it was, and clipped if more was.
 inline constexpr float kWholePixel = 0.99F, kClippedPixel = 0.001F;
 
 // An image larger than the film, of the same shape, is averaged down to it; a pixel of the mask is
@@ -69,7 +69,7 @@ inline constexpr std::array kColours{v1::Film::RED, v1::Film::GREEN, v1::Film::B
 // that is empty, of the only channel.
 std::string disturbance_name(size_t which, const std::string& colour);
 
-// Where --init mean starts, for an object of this longest side in mm.
+// The material where --init mean starts, for an object of this longest side in mm.
 Material mean_of_size(double longest_side);
 
 // What run_refine() prints: of the luminance or a colour, or of red, green and blue, as the films

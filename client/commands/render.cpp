@@ -200,7 +200,7 @@ Material chosen_material(const RenderFlags& options, const v1::Scene& scene,
   return material_of(options.material, options.object_size, "scene.object", scene.object(), shown);
 }
 
-// Of what the film shows, without the material.
+// Asks for what the film shows, without the material.
 RenderQuery query_of(const RenderFlags& options, v1::Scene scene, v1::Film::Channel shown) {
   scene.mutable_film()->set_channel(shown);
   resolve_media(scene);
@@ -465,7 +465,7 @@ bool leaves_film(const Image& image) {
   return false;
 }
 
-// As it lies in the scene, in mm.
+// The sides of the object as it lies in the scene, in mm.
 std::string size_of_object(const v1::Scene& scene) {
   const Bounds box = bounds_of_object(scene);
   const Vec3f size = box.max - box.min;
@@ -532,7 +532,7 @@ void check_drops(const v1::Counters& counters, const Image& image) {
   say(counters.invalid_samples(), "as their light was no number");
 }
 
-// Where samples or time were over before.
+// Warns where samples or time were over before the noise was reached.
 void warn_noise(const Image& image, const RenderFlags& options,
                 const std::vector<Channel>& channels) {
   double noise = 0;

@@ -20,7 +20,7 @@ namespace itn {
 std::string item_digest(const v1::DatasetConfig& config, const v1::DatasetShape& shape,
                         const v1::DatasetPanorama* panorama, const v1::DatasetItem& item);
 
-// Of all pixels and entries of the header, but for that which says this.
+// The digest of all pixels and entries of the header, but for the entry that holds it.
 std::string contents_digest(const Image& image);
 
 inline constexpr const char* kManifestName = "manifest.textproto";
@@ -46,8 +46,8 @@ struct DatasetImage {
   std::vector<float> radiance;  // resolution x resolution
   std::vector<float> mask;
   std::vector<float> standard_error;  // of the radiance; 0 or empty where unknown
-  // As NoiseTarget in dataset.proto, as the header says; 0 if unknown (of a single sample), or if
-  // the image is black; infinite if it is nothing but noise.
+  // The noise as NoiseTarget in dataset.proto defines it, by the header; 0 if unknown (of a single
+  // sample), or if the image is black; infinite if it is nothing but noise.
   double relative_noise = 0;
   uint32_t spp = 0;
 };
@@ -95,7 +95,8 @@ class DatasetReader {
   // of this item, and as read_exr().
   DatasetImage image(const v1::DatasetItem& item) const;
 
-  // Of a dataset that has them (Error, invalid input, otherwise); throws as image().
+  // Reads the derivative images of a dataset that has them (Error, invalid input, otherwise);
+  // throws as image().
   DerivativeImages derivatives(const v1::DatasetItem& item) const;
 
   // What the header of the item's image must say.

@@ -496,7 +496,7 @@ v1::DatasetConfig load_dataset_config(const std::filesystem::path& path) {
 
 void set_defaults(v1::DatasetConfig& config) {
   v1::DatasetConfig defaults = parsed(kPaper, "paper");
-  // Of what excludes each other, the file has said which.
+  // The file decides between settings that exclude each other.
   if (config.has_noise()) defaults.clear_spp();
   if (config.materials().sampling() == v1::MaterialChoice::GRID) defaults.set_count(0);
   // Each light, if the file has any; whose azimuths are those of the test, too, unless it says

@@ -37,7 +37,8 @@ namespace {
 
 using google::protobuf::util::MessageDifferencer;
 
-// Of an item's seed: not the random numbers of its image, nor of those it is compared with.
+// The branch of an item's seed for its pilot: not the random numbers of its image, nor of those it
+// is compared with.
 constexpr uint64_t kPilotBranch = 2;
 
 // The first lines of what differs, e.g. "modified: spp: 64 -> 256"; empty if nothing does.

@@ -37,7 +37,7 @@ void ask_for_derivatives(RenderJob& job);
 RenderJob pilot_job(std::shared_ptr<const SerializedScene> scene, const v1::DatasetItem& item,
                     const v1::NoiseTarget& target);
 
-// Of a reply's image.
+// The noise of a reply's image.
 double relative_noise(const v1::RenderGradReply& reply);
 
 // Writes shapes and manifest, then renders what is missing. An image that is there and whole is

@@ -17,7 +17,7 @@ v1::Interval interval(double min, double max) {
   return result;
 }
 
-// Where numbers of an interval are uniform.
+// The scale on which numbers of an interval are uniform.
 struct Scale {
   double (*place)(double);  // of a number
   double (*number)(double);

@@ -20,7 +20,7 @@ void validate(const std::string& name, const v1::Distribution& distribution, dou
 // The value at `u` in [0, 1) of a valid distribution: uniform numbers give the distribution.
 double quantile(const v1::Distribution& distribution, double u);
 
-// Of an interval: the density at `x`, without the factor that makes its integral 1.
+// The density of an interval at `x`, without the factor that makes its integral 1.
 double density(const v1::Distribution& distribution, double x);
 
 // The least and the greatest value.

@@ -21,7 +21,7 @@ void add_octave(uint64_t seed, uint32_t cells, float amplitude, std::vector<floa
     lattice.push_back(number_of(derive_seed(seed, {cells, i})));
   }
   const uint32_t pixels_per_cell = kTexturePixels / cells;
-  // Of a pixel's middle: the cell before it, and how far it is to the next, smoothed.
+  // The cell before a pixel's middle, and how far it is to the next, smoothed.
   const auto place = [&](uint32_t pixel) {
     const float part =
         (static_cast<float>(pixel % pixels_per_cell) + 0.5F) / static_cast<float>(pixels_per_cell);

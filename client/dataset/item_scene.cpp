@@ -37,7 +37,7 @@ struct Heights {
   double min = std::numeric_limits<double>::infinity(), max = -min;
 };
 
-// Of the mesh, turned about the point `centre`.
+// The least and the largest height of the mesh, turned about the point `centre`.
 Heights heights_of(const v1::Triangles& triangles, const v1::Rotation& rotation, Vec3d centre) {
   static_assert(std::endian::native == std::endian::little);
   Heights heights;

@@ -17,8 +17,8 @@ void check_item(const v1::DatasetItem& item, const std::string& path);
 // else.
 bool may_be_seen(const v1::Lamp& lamp, const v1::ItemCamera& camera);
 
-// Of an item that check_item() lets pass. `triangles`: its shape, as the file in a dataset has it.
-// `resolution`: pixels a side. `panorama`: likewise, where one lights the item.
+// The scene of an item that check_item() lets pass. `triangles`: its shape, as the file in a
+// dataset has it. `resolution`: pixels a side. `panorama`: likewise, where one lights the item.
 v1::Scene scene_of(const v1::DatasetItem& item, const v1::Triangles& triangles, uint32_t resolution,
                    const v1::Pixels* panorama = nullptr);
 

@@ -8,9 +8,9 @@
 
 namespace itn {
 
-// As NoiseTarget defines it, from the radiance, its standard error and the mask of the object; all
-// of a size. 0 of a black image, and where no noise is known, as with a single sample; infinite of
-// one that is nothing but noise. An upper bound, as the standard error is.
+// The noise that NoiseTarget defines, from the radiance, its standard error and the mask of the
+// object; all of a size. 0 of a black image, and where no noise is known, as with a single sample;
+// infinite of one that is nothing but noise. An upper bound, as the standard error is.
 //
 // It is that of the image as a whole, in which bright pixels weigh most. Relative to themselves
 // dark ones are noisier: at a large g, which makes the rim bright, those inside by up to twice.

@@ -12,7 +12,7 @@
 namespace itn {
 namespace {
 
-// Of R, G and B in what a film shows.
+// The weights of R, G and B in what a film shows.
 std::array<double, 3> weights_in(v1::Film::Channel channel) {
   if (channel == v1::Film::LUMINANCE) return tracer::kLuminanceOfColours;
   std::array<double, 3> weights{};

@@ -9,7 +9,7 @@
 
 namespace itn {
 
-// Of a row of pixels, from the top, where +y is; radiance is constant over each of them.
+// A row of pixels, counted from the top, where +y is; radiance is constant over each of them.
 struct PanoramaRow {
   double solid_angle;  // of a pixel, in sr
   double from_above;  // irradiance on a surface that faces +y, in W/m^2, from radiance 1 in a pixel
@@ -19,7 +19,8 @@ PanoramaRow panorama_row(uint32_t row, uint32_t width, uint32_t height);
 // Gray pixels, from one radiance each.
 v1::Pixels gray_panorama(uint32_t width, uint32_t height, std::span<const float> radiance);
 
-// Of what a film shows of a panorama, which is not RGB, on a surface that faces +y, in W/m^2.
+// The irradiance by what a film that is not RGB shows of a panorama, on a surface that faces +y, in
+// W/m^2.
 double irradiance_from_above(const v1::Pixels& panorama,
                              v1::Film::Channel channel = v1::Film::LUMINANCE);
 

@@ -31,10 +31,10 @@ struct PanoramaSet {
 // (none of them can be used: says why for each).
 PanoramaSet load_panorama_set(const std::filesystem::path& folder);
 
-// Of the folder that a light of the configuration names; empty without such a light.
+// The panoramas of the folder that a light of the configuration names; none without such a light.
 PanoramaSet panorama_set(const v1::DatasetConfig& config);
 
-// Those of a dataset that is there: without what would make their files.
+// The panoramas of a dataset that is there, without what would make their files.
 PanoramaSet panorama_set(const v1::Dataset& manifest);
 
 // The choice of panoramas in a configuration; null without.

@@ -248,7 +248,7 @@ void give_irradiance(v1::SunSky& sun, float irradiance, v1::Film::Channel channe
   sun.set_sky_scale(static_cast<float>(irradiance / unscaled));
 }
 
-// Those of one light are branches of its own.
+// The choices of one light are branches of its own.
 v1::SunSky draw_sun(const v1::SunSkyChoice& choice, v1::Split split, v1::Film::Channel channel,
                     uint64_t light, const Choices& choices) {
   const auto draw = [&](uint64_t number, const v1::Distribution& distribution) {
@@ -386,7 +386,7 @@ v1::Checkerboard draw_checkerboard(const v1::GroundChoice& ground, const Choices
   return board;
 }
 
-// Likewise.
+// Draws a texture's seed, shape and colours.
 v1::GroundTexture draw_texture(const v1::GroundChoice& ground, const Choices& choices) {
   const auto branch = [](uint64_t number) { return derive_seed(kTexture, {number}); };
   v1::GroundTexture texture;
@@ -515,7 +515,7 @@ v1::Split split_of(const std::string& name, const NamesOfSplits& names) {
                                    : v1::SPLIT_TRAIN;
 }
 
-// Those of a manifest's entries in a split, in the order of their names.
+// The names of a manifest's entries in a split, in the order of their names.
 template <typename Entries>
 std::vector<std::string> names_in(const Entries& entries, v1::Split split) {
   std::vector<std::string> names;

@@ -22,8 +22,9 @@ struct ShapeSplit {
   const std::vector<std::string>& names(v1::Split split) const;
 };
 
-// As the configuration names them; otherwise a random choice by its fractions, of at least one for
-// each that is not 0. Throws Error (invalid input) if there are too few, or none of that name.
+// The split that the configuration names; otherwise a random choice by its fractions, of at least
+// one for each that is not 0. Throws Error (invalid input) if there are too few, or none of that
+// name.
 ShapeSplit split_shapes(const v1::DatasetConfig& config, std::span<const Shape> shapes);
 
 // That of a dataset that is there.
@@ -33,7 +34,7 @@ ShapeSplit split_shapes(const v1::Dataset& manifest);
 struct PanoramaSplit {
   std::vector<std::string> train, validation, test;
 
-  // Those of the training for a split that has none.
+  // The names of a split, or those of training where it has none.
   const std::vector<std::string>& names(v1::Split split) const;
 };
 

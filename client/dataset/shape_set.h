@@ -46,7 +46,7 @@ ShapeSet random_shape_set(uint32_t count, uint64_t seed);
 // Whatever the source says. Throws as these.
 ShapeSet shape_set(const v1::ShapeSource& source);
 
-// Those of a dataset that is there: without what would make their files.
+// The shapes of a dataset that is there, without what would make their files.
 ShapeSet shape_set(const v1::Dataset& manifest);
 
 }  // namespace itn

@@ -60,7 +60,7 @@ std::string write_text(const fs::path& path, const google::protobuf::Message& me
   return text;
 }
 
-// Of this process.
+// The CPU time that this process has taken.
 double process_cpu_seconds() {
   return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
 }
@@ -181,7 +181,7 @@ class ExperimentRunner {
   std::vector<Stage> stages();
   ExperimentResult result(const std::vector<v1::StageRecord>& records);
 
-  // Of this process, and of renders elsewhere.
+  // The CPU time of this process and of renders elsewhere.
   double cpu_seconds() const {
     return process_cpu_seconds() +
            (pool_ && !run_.pool.workers.empty() ? pool_->statistics().cpu_seconds : 0);

@@ -22,8 +22,8 @@ v1::Experiment load_experiment(const std::filesystem::path& path);
 v1::TrainingConfig own_training(const v1::Experiment& experiment,
                                 const v1::ExperimentNetwork& network, double rate);
 
-// Likewise what it shares with others: an RN of shared_steps. Networks for which this is equal
-// share it.
+// The training that a network shares with others: an RN of shared_steps. Networks for which this is
+// equal share it.
 v1::TrainingConfig shared_training(const v1::Experiment& experiment,
                                    const v1::ExperimentNetwork& network, double rate);
 

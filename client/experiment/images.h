@@ -37,7 +37,7 @@ class ExperimentImages {
 
   // Numbers of the test's images, evenly spread.
   const std::vector<uint32_t>& chosen() const { return chosen_; }
-  // Of these, how many are shown in pictures: the first of an even spread.
+  // Numbers of the images that are shown in pictures: the first of an even spread.
   const std::vector<size_t>& shown() const { return shown_; }
   int resolution() const { return test_.resolution; }
 
@@ -51,14 +51,15 @@ class ExperimentImages {
                                     RenderPool& pool, const ImageProgress& progress,
                                     std::stop_token stop);
 
-  // Of the chosen image number `k`. Throws Error (kIo) if it has not been rendered.
+  // The reference render of the chosen image number `k`. Throws Error (kIo) if it has not been
+  // rendered.
   std::vector<float> reference(ExperimentScene scene, size_t k) const;
-  // Of one that is shown.
+  // A render of an image that is shown.
   std::vector<float> picture(const std::string& name, ExperimentScene scene, size_t k) const;
 
  private:
   std::filesystem::path file(const std::string& name, ExperimentScene scene, size_t k) const;
-  // Of the chosen image number `k`, with a material in the place of its own.
+  // The job that renders the chosen image number `k` with a material in the place of its own.
   RenderJob job(ExperimentScene scene, size_t k, const Material& material, uint32_t spp,
                 uint64_t branch);
   std::shared_ptr<const SerializedScene> scene_of(ExperimentScene scene, size_t k);

@@ -31,7 +31,7 @@ struct NetworkRun {
 v1::NetworkCost train_network(v1::TrainingConfig config, DatasetReader& dataset,
                               const NetworkRun& run);
 
-// Of a network that has been trained.
+// The cost of a network that has been trained.
 v1::NetworkCost read_cost(const std::filesystem::path& folder);
 
 // The mean of the best validation errors of a run (score()).

@@ -102,7 +102,7 @@ std::string material_text(const Material& m) {
   return fmt::format("{:.0f}, {:.2f}, {:.2f}", m.sigma_t, m.albedo, m.g);
 }
 
-// Of each image shown a row of renders, and a row of their differences to the truth.
+// Shows a row of renders of each image, and a row of their differences to the truth.
 std::string scene_section(const ExperimentReport& report, ExperimentScene scene,
                           const std::string& title, const fs::path& file) {
   const int side = report.images.resolution();

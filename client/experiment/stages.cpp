@@ -29,7 +29,7 @@ std::optional<v1::StageRecord> record_of(const fs::path& folder, const Stage& st
   return record;
 }
 
-// Of what a stage takes. `outputs`: digests of what is made, by the name of the stage.
+// The digest of what a stage takes. `outputs`: digests of what is made, by the name of the stage.
 std::string digest_of_inputs(const Stage& stage, const std::string& inputs,
                              const std::map<std::string, std::string>& outputs) {
   std::string all = inputs + '\n' + stage.name;

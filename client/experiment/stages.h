@@ -40,7 +40,7 @@ void run_stages(std::span<const Stage> stages, const std::filesystem::path& fold
 std::set<std::string> done_stages(std::span<const Stage> stages,
                                   const std::filesystem::path& folder, const std::string& inputs);
 
-// Those of stages that are done, whatever their inputs are, in order.
+// The records of stages that are done, whatever their inputs are, in order.
 std::vector<v1::StageRecord> stage_records(std::span<const Stage> stages,
                                            const std::filesystem::path& folder);
 

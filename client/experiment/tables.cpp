@@ -34,7 +34,7 @@ std::vector<double> values_of(const Quantity& quantity, std::span<const Material
   return values;
 }
 
-// Of the mean of the truth: the best constant answer to this very question.
+// Errors of the mean of the truth, which is the best constant answer to this very question.
 std::vector<double> errors_of_constant(std::span<const double> truth) {
   const double mean =
       std::accumulate(truth.begin(), truth.end(), 0.0) / static_cast<double>(truth.size());
@@ -142,7 +142,7 @@ std::vector<std::vector<double>> squares_of(const TestSet& test, const Candidate
   return terms;
 }
 
-// Of means of such squares.
+// The root of the mean of such squares, over that of the constant answer.
 double relative_error(std::span<const double> means, size_t parameter) {
   return std::sqrt(means[parameter] / means[kParameters + parameter]);
 }
@@ -339,7 +339,7 @@ Table table_3(const TestSet& test, std::span<const Candidate> candidates,
   }
   table.columns.push_back({"Adam", "s", 2, false});
   table.columns.push_back({"Gauss-Newton", "s", 2, false});
-  // Of the images that are refined, around the mean of all.
+  // Squares of the constant answer for the images that are refined, around the mean of all.
   std::array<std::vector<double>, kParameters> constant;
   for (size_t k = 0; k < kParameters; ++k) {
     const std::vector<double> errors = errors_of_constant(values_of(kQuantities[k], test.truth));

@@ -28,12 +28,12 @@ struct Candidate {
   Kind kind = Kind::kNetwork;
   std::vector<Material> as_trained;   // for each image of the test
   std::vector<Material> other_noise;  // for each image of TestSet::other_noise
-  // Of each image that was rendered again, in its own scene and in the novel one.
+  // Errors of each image that was rendered again, in its own scene and in the novel one.
   struct ImageErrors {
     std::vector<double> relative_l2, dissimilarity;
   };
   ImageErrors same_scene, novel_scene;
-  // Of each image that was refined, from what this one says of it; empty if there were none.
+  // Refinements of each image that started at what this one says of it; none if there were none.
   std::vector<v1::ExperimentRefinement> refinements;
 };
 
@@ -94,7 +94,7 @@ Table table_3(const TestSet& test, std::span<const Candidate> candidates,
 // there is nothing (RFC 4180).
 std::string to_csv(const Table& table);
 
-// As text: columns in line.
+// The table as text, its columns in line.
 std::string to_text(const Table& table);
 
 }  // namespace itn

@@ -23,7 +23,7 @@ struct ExportBoundary {
 };
 
 struct ExportOptions {
-  // Of the material in the scene; what is no ASCII letter or digit becomes an underscore.
+  // The name of the material in the scene; what is no ASCII letter or digit becomes an underscore.
   std::string name = "material";
   // Length of the renderer's scene unit: 1 where the scene is in mm, 10 in cm, 1000 in m.
   double mm_per_scene_unit = 1;
@@ -31,7 +31,7 @@ struct ExportOptions {
   // 1 mm, and are divided by this. Absent: unknown; then the file is for an object of 1 mm, and
   // says so, and what to change for another.
   std::optional<double> object_size_mm{};
-  // Where the material comes from (model, image), for the file's comment. May be empty.
+  // Says in the file's comment where the material comes from (model, image). May be empty.
   std::string provenance{};
   // Further lines of that comment, as intervals and what limits the answer.
   std::vector<std::string> notes{};

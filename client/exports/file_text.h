@@ -17,7 +17,7 @@ std::string number(double value);
 // With 9: for numbers that are near to 1, where their difference to 1 is what counts.
 std::string fraction(double value);
 
-// As R, G, B with this between them.
+// Writes R, G and B with `separator` between them.
 std::string numbers(const std::array<double, 3>& values, std::string_view separator);
 std::string fractions(const std::array<double, 3>& values, std::string_view separator);
 
@@ -27,7 +27,7 @@ std::string identifier(const ExportOptions& options);
 // The material of the object in its real size, in 1/mm. Throws as to_mitsuba() does.
 RgbMaterial of_object(const RgbMaterial& material, const ExportOptions& options);
 
-// Likewise, in the reciprocal of scene units.
+// The material in the reciprocal of scene units.
 RgbMaterial in_scene_units(const RgbMaterial& material, const ExportOptions& options);
 
 // Lines of ASCII for the comment at the top: what this is, where from, in which units, behind which

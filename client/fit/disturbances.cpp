@@ -56,7 +56,7 @@ SeenPixels seen_pixels(std::span<const RenderedChange> changes, const std::vecto
 // All products of at most `degree` of the columns.
 Eigen::MatrixXd monomials(const Eigen::MatrixXd& variables, int degree) {
   std::vector<Plane> columns{Plane::Ones(variables.rows())};
-  // Where the products of the degree before with the variables from this one on begin.
+  // By variable, where the products of the degree before with it and those after it begin.
   std::vector<size_t> first(static_cast<size_t>(variables.cols()), 0);
   size_t end = 1;
   for (int d = 0; d < degree; ++d) {

@@ -35,7 +35,7 @@ class Ball {
     double x, y;
   };
 
-  // Where one sees what comes from the direction `w`.
+  // The pixel that shows what comes from the direction `w`.
   Pixel place_of(Vec3d w) const {
     constexpr int kIterations = 8;
     Vec3d d = towards_, n{};

@@ -145,7 +145,7 @@ struct ContourTarget {
   double x, y, normal_x, normal_y;
 };
 
-// Where the mask falls through a half, between two pixels, and the direction in which it rises.
+// Places between two pixels where the mask falls through a half, and directions in which it rises.
 std::vector<ContourTarget> contour_of(const std::vector<float>& mask, int side) {
   const auto at = [&](int x, int y) {
     return mask[static_cast<size_t>(std::clamp(y, 0, side - 1)) * static_cast<size_t>(side) +
@@ -242,10 +242,10 @@ struct ContourFit {
   Matrix7 covariance(double size, double range) const;
 };
 
-// Of a step, shifts over the range, where points are off by themselves; and where the object has
-// another shape than the mesh, of this size: places are off as a Gaussian process is, alike over a
-// sixth of the size, and by as much as explains the distances that are left where the pose has
-// taken up what it can.
+// The covariance of a step, its shifts over the range, where points are off by themselves; and
+// where the object has another shape than the mesh, of this size: places are off as a Gaussian
+// process is, alike over a sixth of the size, and by as much as explains the distances that are
+// left where the pose has taken up what it can.
 Matrix7 ContourFit::covariance(double size, double range) const {
   constexpr double kLeast = 1e-12;
   const double alike = size / 6;
@@ -282,7 +282,7 @@ ContourFit fit_contour(const Pose& pose, double margin, double margin_error, Vec
   for (const auto& [point, target, share, is_of_target] : matches) {
     const Vec3d p = pose.to_scene(point->place), arm = p - center;
     const double depth = -p.z;
-    // Of the image's x and y by the place.
+    // Derivatives of the image's x and y by the place.
     const Vec3d dx{view.focal / depth, 0, view.focal * p.x / (depth * depth)};
     const Vec3d dy{0, -view.focal / depth, -view.focal * p.y / (depth * depth)};
     const Vec3d along = dx * target->normal_x + dy * target->normal_y;

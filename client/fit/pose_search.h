@@ -1,5 +1,5 @@
-// Where an object of known shape stands, by its silhouette in a photograph: all views are tried,
-// and the best are moved until their contours lie on that of the mask.
+// Finds where an object of known shape stands by its silhouette in a photograph: all views are
+// tried, and the best are moved until their contours lie on that of the mask.
 #pragma once
 
 #include <cstddef>

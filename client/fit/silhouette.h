@@ -22,20 +22,20 @@ struct PinholeView {
   int side = 1;
 
   Vec3d direction(double x, double y) const;  // towards a place of the image, of any length
-  // Of the same view in an image of another side.
+  // The same view in an image of another side.
   PinholeView at_side(int other) const;
 };
 
 // From a pixel to those that share an edge with it.
 inline constexpr std::array<std::pair<int, int>, 4> kBeside{{{-1, 0}, {1, 0}, {0, -1}, {0, 1}}};
 
-// Where a silhouette ends.
+// A place on the mesh where a silhouette ends.
 struct ContourPoint {
   double x = 0, y = 0;  // between a pixel of the object and a neighbour beside it
   Vec3d place;          // what is seen there, in the coordinates of the mesh
 };
 
-// Of an image of the object: 1 where it is.
+// Moments of an image that is 1 where the object is.
 struct SilhouetteMoments {
   double area = 0, x = 0, y = 0;  // in pixels; the middle
   double angle = 0;               // of the longer axis to the right, counter-clockwise, in radians
@@ -44,14 +44,14 @@ struct SilhouetteMoments {
 
 class Silhouette {
  public:
-  // Of a closed mesh. Triangles that reach behind the camera are left out.
+  // Draws a closed mesh. Triangles that reach behind the camera are left out.
   Silhouette(const Mesh& mesh, const Pose& pose, const PinholeView& view);
 
   bool covers(int x, int y) const {
     return depth_[index(x, y)] < std::numeric_limits<float>::infinity();
   }
-  // Of what is seen at a pixel that is covered, along -z; and how its triangle is turned, in the
-  // coordinates of the camera.
+  // How far what is seen at a pixel that is covered lies along -z; and how its triangle is turned,
+  // in the coordinates of the camera.
   double depth(int x, int y) const { return double{depth_[index(x, y)]}; }
   Vec3d normal(const Mesh& mesh, int x, int y) const;
   std::vector<ContourPoint> contour() const;

@@ -226,9 +226,9 @@ class Importer {
     to.set_y(static_cast<float>(v.y()));
     to.set_z(static_cast<float>(v.z()));
   }
-  // Of Mitsuba's rectangle, which is [-1, 1] x [-1, 1].
-  // Its normal goes with the surface: a mirror image faces the way that its z axis points to, and
-  // not that of the cross product of its sides.
+  // Takes the sides of Mitsuba's rectangle, which is [-1, 1] x [-1, 1]. Its normal goes with the
+  // surface: a mirror image faces the way that its z axis points to, and not that of the cross
+  // product of its sides.
   template <typename Rectangle>
   static void set_sides(Rectangle& to, const Affine3d& transform, bool flip = false) {
     const double side = (transform.linear().determinant() < 0) != flip ? -1 : 1;
@@ -450,7 +450,7 @@ class Importer {
     set_material(object, medium, material);
   }
 
-  // Of R, G and B, in 1/mm.
+  // Sets the material that R, G and B have, in 1/mm.
   void set_material(v1::Object& object, const MitsubaPlugin& medium,
                     const std::array<Material, 3>& material) {
     for (size_t c = 0; c < 3; ++c) {

@@ -78,7 +78,7 @@ double number_of(const std::string& text, const std::string& place) {
   return numbers[0];
 }
 
-// Of one attribute, "1, 2, 3", or of x, y and z, each `otherwise` if it is absent.
+// A vector by one attribute, "1, 2, 3", or by x, y and z, each `otherwise` if it is absent.
 Eigen::Vector3d vector_of(const std::map<std::string, std::string>& attributes,
                           const std::string& name, double otherwise, const std::string& place) {
   if (const auto whole = attributes.find(name); whole != attributes.end()) {

@@ -42,7 +42,7 @@ struct MitsubaPlugin {
   bool has(const std::string& property) const { return properties.contains(property); }
   double number(const std::string& property, double otherwise) const;
   std::string text(const std::string& property, const std::string& otherwise) const;
-  // Of a boolean: true or false, in any case.
+  // The value of a boolean: true or false, in any case.
   bool flag(const std::string& property, bool otherwise) const;
   // Linear R, G, B.
   std::array<double, 3> colour(const std::string& property, double otherwise) const;

@@ -12,7 +12,7 @@ namespace {
 constexpr Rgb kOutline{255, 128, 0};
 constexpr float kOutside = 0.12F;  // of its light is left of what is not the object
 
-// Of linear sRGB, or of the only channel.
+// The luminance of linear sRGB, or the only channel.
 float luminance(std::span<const float> pixel) {
   return pixel.size() == 1 ? pixel[0]
                            : 0.2126F * pixel[0] + 0.7152F * pixel[1] + 0.0722F * pixel[2];
@@ -70,7 +70,7 @@ class Pixels {
   size_t channels_;
 };
 
-// As of a body that is heated.
+// The colour of a body that is heated.
 Rgb heat(float weight) {
   return {to_byte(3 * weight), to_byte(3 * weight - 1), to_byte(3 * weight - 2)};
 }

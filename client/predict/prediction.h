@@ -19,7 +19,7 @@ v1::Prediction prediction_of(const std::string& name, const v1::PredictReply& re
 // The best guesses, by channel, for an object whose longest side is 1 mm.
 std::vector<Material> materials_of_1_mm(const v1::Prediction& prediction);
 
-// Of a photograph that could not be used.
+// The answer for a photograph that could not be used.
 v1::Prediction failure_of(const std::string& name, const std::string& what);
 
 }  // namespace itn

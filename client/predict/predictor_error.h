@@ -11,7 +11,7 @@
 
 namespace itn {
 
-// Of a call of PredictService at this address that failed.
+// The error of a call of PredictService at this address that failed.
 inline Error predictor_error(const grpc::Status& status, const std::string& address) {
   if (status.error_code() == grpc::StatusCode::UNIMPLEMENTED) {
     return {ErrorKind::kUnavailable,

@@ -80,7 +80,7 @@ constexpr std::array<std::string_view, 5> kPanelNames = {
     "The weight map: where the material shows most", "The scene rendered with the answer",
     "Difference: red where the render is brighter, blue where darker"};
 
-// Of a scene that shows what the photograph shows; empty without one.
+// The section of a scene that shows what the photograph shows; empty without one.
 std::string rerendering_of(const Report& report) {
   const PanelRow& panels = report.photographs.front().panels;
   if (panels.size() <= kNetworkView) return "";

@@ -59,7 +59,7 @@ std::vector<float> interleaved(Channels channels) {
   return result;
 }
 
-// Of the object as it lies before it is turned, in mm.
+// The longest side of the object as it lies before it is turned, in mm.
 double longest_side(const v1::Scene& scene) {
   tracer::SceneDescription description;
   MeshBuilder(RenderLimits().max_triangles)
@@ -157,7 +157,7 @@ std::vector<float> rerendered(RenderPool& pool, v1::Scene scene, const PredictIn
                     "must show what the photograph shows, with sides of the same ratio",
                     film.width(), film.height(), photograph.width, photograph.height));
   }
-  // As fine as the photograph, but no finer than twice what the network sees.
+  // The picture is as fine as the photograph, but no finer than twice what the network sees.
   const int side = photograph.photograph.side;
   const Square& square = photograph.photograph.square;
   const double scale = std::min(1.0, 2.0 * side / square.side);

@@ -48,15 +48,16 @@ struct Layout {
   }
   Eigen::Index size() const { return disturbance(disturbances); }
 
-  // Those of what an image of a colour shows, in their order, which is that of one_colour().
+  // The coordinates of what an image of a colour shows, in their order, which is that of
+  // one_colour().
   std::vector<Eigen::Index> of_colour(size_t colour) const;
   Layout one_colour() const;
 };
 
 // What follows takes coordinates of what an image shows, and their layout, of one colour.
 
-// Of the unknowns, where they start; of an exposure of 1, undisturbed. All are moved inside of what
-// there are coordinates for.
+// Coordinates of unknowns where they start, of an exposure of 1, undisturbed. All are moved inside
+// of what there are coordinates for.
 Vector coordinates_of(const Material& material, const Layout& layout = {});
 
 Material material_at(const Vector& coordinates);

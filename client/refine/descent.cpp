@@ -15,12 +15,12 @@ constexpr double kMaxTrust = 0.7;
 // ImageEquations from this far away, in coordinates, counts half, and from farther away soon
 // hardly, as the equations are linear.
 constexpr double kHalfMemory = 0.05;
-// Likewise of instruments, which need not be exact.
+// The same of instruments, which need not be exact.
 constexpr double kHalfInstruments = 0.4;
 // Steps along the similarity ridge, which change an image little, count less.
 constexpr double kAlongRidge = 0.25;
-// Of the variance of the answer, the part that noise of the renders may be at the end: it widens
-// the intervals by a twentieth.
+// Noise of the renders may be this part of the answer's variance at the end: it widens the
+// intervals by a twentieth.
 constexpr double kRenderShare = 0.1;
 // A step of nothing but noise is shorter than this, over its noise, in 95 of 100 cases (by
 // chi-squared of 3 or 4 degrees of freedom).
@@ -31,7 +31,7 @@ constexpr double kSmallStep = 0.2;
 constexpr double kRise = 4;
 // So often is the answer looked at with the most samples once it does not move any more.
 constexpr uint32_t kMaxLooks = 3;
-// As many times the first iteration's samples are about one place when it is near the answer.
+// So many times the first iteration's samples are about one place when it is near the answer.
 constexpr double kSettled = 8;
 // Samples grow at most by this factor from one iteration to the next.
 constexpr double kMaxGrowth = 16;
@@ -196,7 +196,7 @@ void Descent::collect_sums() {
   }
 }
 
-// Of the images alone.
+// What the images alone say.
 ScoreEquations Descent::score_equations(size_t colour) const {
   return {.gradient = normal_equations_.gradient - unexplained_.gradient,
           .curvature = normal_equations_.curvature - unexplained_.curvature,
@@ -234,7 +234,7 @@ ScoreTest Descent::test(size_t colour) const {
   return ScoreTest(equations);
 }
 
-// Of the noise of the renders alone.
+// The test that knows the noise of the renders alone.
 ScoreTest Descent::render_test() const {
   ScoreEquations equations = score_equations(0);
   for (ScoreMoments& moments : equations.moments) {
@@ -280,8 +280,7 @@ bool Descent::is_under_way() const {
 }
 
 Descent::Step Descent::newton_step() const {
-  // Of several colours the first has the search along the ridge, as steps are damped in all of
-  // them.
+  // The search goes along the ridge of the first colour, as steps are damped in all of them.
   const ScoreTest all = test(0), renders = render_test();
   const Vector best = all.best_step(trust_radius_);
   const Vector nowhere = Vector::Zero(linearization_point_.size());
@@ -392,7 +391,7 @@ Vector vector_of(const Numbers& numbers) {
   return Eigen::Map<const Vector>(numbers.data(), numbers.size());
 }
 
-// As many numbers as a square has.
+// A square matrix of so many numbers.
 Matrix square_of(const Numbers& numbers) {
   const auto side = static_cast<Eigen::Index>(std::lround(std::sqrt(numbers.size())));
   return Eigen::Map<const Matrix>(numbers.data(), side, side);

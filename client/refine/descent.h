@@ -40,23 +40,23 @@ class Descent {
   v1::RefineResult::End end() const { return end_; }
   void set_end(v1::RefineResult::End end) { end_ = end; }
   uint32_t iterations() const { return iterations_; }
-  // Where the loss was measured last, without noise of the renders: an unbiased estimate.
+  // The loss where it was measured last, without noise of the renders: an unbiased estimate.
   double loss() const { return loss_; }
   double loss_standard_error() const { return loss_standard_error_; }
-  // Of the part of that loss that the image's own noise explains; 0 if it is not known.
+  // The part of that loss that the image's own noise explains; 0 if it is not known.
   double noise_loss() const { return noise_loss_; }
   // Squares of pixels (RefineSettings.block) that count, over all images, and coordinates.
   double squares() const;
   double numbers() const { return static_cast<double>(x_.size()); }
-  // Of an image's, those that no material explains; and which part of all that is.
+  // Pixels of an image that no material explains; and which part of all pixels those are.
   std::vector<uint32_t> unexplained_pixels(size_t image) const {
     return image_equations_[image].unexplained_pixels();
   }
   double unexplained_part() const;
-  // Of the differences there.
+  // The structure of the differences there.
   const Structure& structure() const { return structure_; }
 
-  // As it stands.
+  // The answer as it stands.
   Material material(size_t colour = 0) const { return material_at(seen_in(x_, colour)); }
   std::vector<double> unknowns() const { return unknowns_at(seen_in(x_, 0), seen_); }
   double exposure() const { return exposure_at(seen_in(x_, 0), seen_); }

@@ -1,4 +1,4 @@
-// Where a number lies between two ends, on a scale that has none.
+// Places between two ends, on a scale that has none.
 #pragma once
 
 #include <cmath>

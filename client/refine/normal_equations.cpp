@@ -181,7 +181,7 @@ void ImageEquations::weigh_pixels() {
   for (const double value : image_) mean_ += value / static_cast<double>(image_.size());
   if (!(mean_ > 0)) throw invalid_input(observation_.name + ": the image is black on the object");
 
-  // Where nothing is known of the noise: as of light that is counted, 5 % at the mean.
+  // Where nothing is known of the noise, it is that of light that is counted, 5 % at the mean.
   constexpr double kRelativeNoise = 0.05;
   const Plane smooth = smoothed(smoothed(image_));
   noise_exponent_ = 1;
@@ -416,7 +416,7 @@ Structure ImageEquations::structure_of(std::span<const double> differences) cons
   }
   Structure structure;
   for (const auto& [place, block] : blocks) {
-    // Of n pixels that share a difference, a block has n^2 of its square, and a quarter likewise.
+    // If n pixels share a difference, a block has n^2 of its square, and so has a quarter.
     const double n = block.quarters[0].pixels + block.quarters[1].pixels +
                      block.quarters[2].pixels + block.quarters[3].pixels;
     double pairs = n * n, sum = 0, of_quarters = 0;

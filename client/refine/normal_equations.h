@@ -31,7 +31,7 @@
 
 namespace itn {
 
-// Where a render is made, in coordinates x (client/refine/coordinates.h).
+// The point where a render is made, in coordinates x (client/refine/coordinates.h).
 struct Linearization {
   Matrix jacobian;  // square: d what a render has derivatives in / d those of x
   double exposure = 1;
@@ -56,11 +56,11 @@ struct NormalEquations {
         render_noise(Matrix::Zero(coordinates, coordinates)) {}
 
   NormalEquations& operator+=(const NormalEquations& terms);
-  // Those of fewer coordinates, which are these.
+  // Adds terms of fewer coordinates, which are these.
   void add(const NormalEquations& terms, const std::vector<Eigen::Index>& coordinates);
 };
 
-// Of terms that count `factor` times: of a covariance its square.
+// The equations of terms that count `factor` times: a covariance counts its square.
 NormalEquations scaled(NormalEquations equations, double factor);
 
 // Whether the differences of images and renders hang together over neighbouring pixels. Sums over
@@ -103,7 +103,7 @@ class ImageEquations {
     // Weighted sum of the squared difference to the image, its variance as far as it is noise of
     // the render, and the weighted energy of the image. Weights are the same in all iterations.
     double squares = 0, squares_variance = 0, energy = 0;
-    // Of that sum, what the image's noise explains; 0 if it is not known.
+    // The part of that sum that the image's noise explains; 0 if it is not known.
     double noise = 0;
     Structure structure;
   };
@@ -128,8 +128,8 @@ class ImageEquations {
   // What the sums of all that was taken have of these pixels, and should not.
   NormalEquations unexplained_terms() const;
 
-  // Of all that was taken, each render's terms times its samples: sums of the products of each
-  // block's terms of s and of H, row by row (client/refine/score_test.h).
+  // Sums over all that was taken, each render's terms times its samples: products of each block's
+  // terms of s and of H, row by row (client/refine/score_test.h).
   Matrix moments() const;
 
   // By how much more differences to the renders so far scatter over large blocks than they would if
@@ -143,7 +143,7 @@ class ImageEquations {
     return blocks_.empty() ? 0 : 1.0 + static_cast<double>(std::ranges::max(blocks_));
   }
 
-  // Of image over render, the ratio of their sums.
+  // The ratio of the sums of image and render.
   double exposure(const Render& render);
 
   v1::RefineImageState state() const;

@@ -32,13 +32,13 @@ struct Observation {
 // but black on the object.
 void validate(const Observation& observation);
 
-// Of the observation's scene with this material, and these values of its unknowns; with derivatives
-// in all of them.
+// Asks for the observation's scene with this material and these values of its unknowns, and for
+// derivatives in all of them.
 RenderQuery query_of(const Observation& observation, const Material& material,
                      std::span<const SceneUnknown> unknowns, std::span<const double> values,
                      uint32_t spp, uint64_t seed);
 
-// As it was serialized.
+// The scene that was serialized.
 v1::Scene scene_of(const Observation& observation);
 
 }  // namespace itn

@@ -69,7 +69,7 @@ v1::RefinedParameter parameter(const Quantity& quantity, const Scales& scales,
   return result;
 }
 
-// Of what an image of a colour shows.
+// The region of what an image of a colour shows.
 struct ColourRegion {
   const Region& region;
   std::vector<Eigen::Index> coordinates;

@@ -28,7 +28,7 @@ inline bool is_as_given(const v1::RefinedParameter& parameter) {
 // Remarks on what the intervals leave open: nothing if they do not hold.
 void add_remarks(v1::RefineResult& result);
 
-// Of ln sigma_t, albedo and g.
+// Standard deviations of ln sigma_t, albedo and g.
 Eigen::Vector3d physical_deviations(const Region& region, size_t colour = 0);
 
 }  // namespace itn

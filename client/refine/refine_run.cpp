@@ -246,7 +246,7 @@ std::string to_table(std::span<const v1::RefineResult> results) {
   }
   if (results.front().has_exposure()) common("image / render", results.front().exposure());
   text += ending_of(results.front());
-  // Of colours that say the same, as remarks begin, once.
+  // What colours say alike, once, as remarks begin.
   struct Told {
     std::string beginning, colours, remark;
   };

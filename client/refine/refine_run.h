@@ -14,7 +14,7 @@
 namespace itn {
 
 struct RefineRun {
-  // Where the state is kept, from which a run that was stopped goes on: state.itn, and
+  // The folder of the state from which a run that was stopped goes on: state.itn, and
   // trajectory.jsonl (a RefineIteration as JSON a line), both replaced as a whole after each
   // iteration. Empty: nowhere. Whoever calls has locked it (FolderLock).
   std::filesystem::path folder;
@@ -51,7 +51,7 @@ void write_outcome(const std::filesystem::path& folder, std::span<const v1::Refi
 
 // For people: the numbers with their intervals, how it ended, and the remarks.
 std::string to_text(const v1::RefineResult& result);
-// Of red, green and blue, or of the luminance, a column each.
+// A table with a column for each of red, green and blue, or for the luminance.
 std::string to_table(std::span<const v1::RefineResult> results);
 
 }  // namespace itn

@@ -38,7 +38,7 @@ v1::RefineSettings with_defaults(v1::RefineSettings settings);
 // the same ones.
 std::vector<Material> starts_around(const Material& start, size_t count);
 
-// Of images and scenes; 32 bytes.
+// The digest of images and scenes, 32 bytes.
 std::string digest_of(std::span<const Observation> observations);
 
 class Refinement {
@@ -67,11 +67,11 @@ class Refinement {
   const v1::RefineIteration& step(const Renderer& renderer);
 
   size_t colours() const;
-  // As it stands, of the best start, once there was a step.
+  // The result of the best start as it stands, once there was a step.
   v1::RefineResult result(size_t colour = 0) const;
   Material material(size_t colour = 0) const;
   double exposure() const;  // the images over the renders
-  // Of an observation, those that no material explains, and that count for less.
+  // Pixels of an observation that no material explains, and that count for less.
   std::vector<uint32_t> unexplained_pixels(size_t observation) const;
   // A render of one of the observations with the material and the unknowns of the scene.
   RenderQuery query(const Observation& observation, uint32_t spp, uint64_t seed) const;

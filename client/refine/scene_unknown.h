@@ -14,7 +14,8 @@
 namespace itn {
 
 struct SceneUnknown {
-  // As "rough_dielectric.index", "surface[0].reflectance", "light[0].sphere.center.x".
+  // The name of a parameter, such as "rough_dielectric.index", "surface[0].reflectance",
+  // "light[0].sphere.center.x".
   std::string name;
   double start = 0;  // in the scene files
   LogitScale range;

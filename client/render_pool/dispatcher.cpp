@@ -52,7 +52,7 @@ double samples(const RenderJob& job) {
   return static_cast<double>(tile.width()) * tile.height() * job.request.spp();
 }
 
-// Of another version (WorkerConnection::probe), or not a render worker.
+// Whether it is of another version (WorkerConnection::probe), or no render worker.
 bool is_incompatible(const grpc::Status& status) {
   return status.error_code() == grpc::StatusCode::FAILED_PRECONDITION ||
          status.error_code() == grpc::StatusCode::UNIMPLEMENTED;
@@ -176,7 +176,7 @@ Dispatcher::Stragglers Dispatcher::stragglers(Clock::time_point now) const {
   return stragglers;
 }
 
-// Of the renders that are late, the one that began first.
+// Asks once more for the render that began first of those that are late.
 Dispatcher::Turn Dispatcher::hedge(size_t number, Clock::time_point now) {
   const Worker& worker = workers_.at(number);
   if (!worker.under_way.empty()) return {};
@@ -318,8 +318,8 @@ void Dispatcher::wait_for_place(Worker& worker, const grpc::Status& status, Cloc
   worker.busy_delay = std::clamp(2 * worker.busy_delay, kFirstRest, kLongestRest);
   const milliseconds wait =
       std::min(retry_after(status).value_or(worker.busy_delay), kLongestWaitForPlace);
-  // Those who are sent away together do not come back together; the room that a worker keeps for us
-  // is not kept for long.
+  // Clients that are sent away together shall not come back together; the room that a worker keeps
+  // for us is not kept for long.
   const double later = std::uniform_real_distribution<double>(1, 1.1)(random_);
   worker.full_until = now + std::chrono::duration_cast<Clock::duration>(
                                 later * std::chrono::duration<double>(wait));

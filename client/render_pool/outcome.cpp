@@ -34,7 +34,7 @@ std::optional<std::chrono::milliseconds> retry_after(const grpc::Status& status)
 
 std::string describe(const grpc::Status& status) {
   if (status.error_code() == grpc::StatusCode::UNIMPLEMENTED) return "it is not a render worker";
-  // As gRPC says it.
+  // What gRPC says of it.
   constexpr std::string_view kSilence = "keepalive watchdog timeout";
   const std::string message = message_of(status);
   return message.starts_with(kSilence)

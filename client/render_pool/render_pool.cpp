@@ -310,7 +310,7 @@ class RenderPool::Impl {
     member.woken_up.notify_one();
   }
 
-  // As many as there are renders that wait, and that nobody is on the way to.
+  // Wakes as many as there are renders that wait and that nobody is on the way to.
   void wake_parked() {
     size_t open = dispatcher_.waiting() - std::min(dispatcher_.waiting(), woken_);
     for (auto it = parked_.begin(); open > 0 && it != parked_.end();) {

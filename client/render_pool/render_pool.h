@@ -20,7 +20,8 @@ namespace itn {
 class RenderWorker;
 
 struct RenderPoolOptions {
-  // As worker_list.h says; empty: an embedded worker behind gRPC's in-process channel.
+  // Addresses as worker_list.h reads them; none: an embedded worker behind gRPC's in-process
+  // channel.
   std::vector<std::string> workers;
   ClientSecurity security;  // of the connections to them
   // How a worker at HOST:PORT is reached; for tests.
@@ -29,7 +30,7 @@ struct RenderPoolOptions {
   int embedded_threads = 0;
   // What it keeps of scenes for later renders, like --cache-mb of a worker.
   size_t embedded_cache_bytes = size_t{512} << 20;
-  // Of one attempt.
+  // The deadline of one attempt.
   std::chrono::milliseconds deadline = std::chrono::minutes(10);
   // How long the constructor waits for the first worker to answer, or to appear.
   std::chrono::milliseconds connect_within = std::chrono::seconds(5);

@@ -34,7 +34,8 @@ inline constexpr std::array<const char*, 3> kMaterialParameters{"sigma_t", "albe
 struct RenderQuery {
   std::shared_ptr<const SerializedScene> scene;
   Material material;
-  // Of red, green and blue, which then share the paths of one render, instead of `material`.
+  // Materials of red, green and blue, which then share the paths of one render, instead of
+  // `material`.
   std::vector<Material> colours = {};
   std::optional<v1::PhaseFunction> phase = {};  // instead of Henyey and Greenstein's
   std::vector<SceneValue> values = {};          // instead of those that the scene has

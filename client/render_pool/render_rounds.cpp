@@ -66,7 +66,7 @@ MeanWithError of_colour(const v1::RenderGradReply& reply, uint32_t spp, int c) {
           from_bytes<float>(reply.colour_standard_errors(c))};
 }
 
-// Of the noisiest colour, if there are some.
+// The noise of the image, or of the noisiest colour.
 double noise_of(const v1::RenderGradReply& reply, uint32_t spp) {
   const std::vector<float> mask = from_bytes<float>(reply.mask());
   const auto noise = [&](const MeanWithError& image) {
@@ -88,7 +88,8 @@ uint32_t next_round(const RenderGoal& goal, const RenderedSoFar& so_far) {
                                  : std::min(3.0 * so_far.spp, kLargestRound);
   if (so_far.spp > 0 && goal.noise > 0) {
     if (so_far.noise <= goal.noise) return 0;
-    // As noise falls with the root of the samples; somewhat more, as it is known roughly.
+    // Noise falls with the root of the samples; it is known roughly, so somewhat more are asked
+    // for.
     const double missing = so_far.spp * (1.05 * std::pow(so_far.noise / goal.noise, 2) - 1);
     round = std::min(round, std::max({missing, so_far.spp / 8.0, estimates}));
   }

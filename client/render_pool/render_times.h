@@ -9,7 +9,7 @@ namespace itn {
 
 class RenderTimes {
  public:
-  // Of a render of so many samples, from when a worker was asked to its answer.
+  // Adds the time of a render of so many samples, from when a worker was asked to its answer.
   void add(std::chrono::steady_clock::duration time, double samples);
 
   // A render is late after several times the median of the latest ones, which tells a worker that

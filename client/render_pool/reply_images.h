@@ -36,8 +36,8 @@ inline std::vector<float> mean_radiance(const v1::RenderGradReply& reply, uint32
       reply, spp, [](const v1::Estimate& e) -> const std::string& { return e.radiance(); });
 }
 
-// Of that mean, by how far the estimates are apart: of K estimates with K - 1 degrees of freedom.
-// There must be two at least.
+// The standard error of that mean by how far the estimates are apart: K estimates come with K - 1
+// degrees of freedom. There must be two at least.
 std::vector<float> standard_error_of_estimates(const v1::RenderGradReply& reply,
                                                const auto& image_of) {
   const int count = reply.estimates_size();

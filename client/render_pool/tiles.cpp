@@ -7,12 +7,12 @@
 namespace itn {
 namespace {
 
-// Of a tile: a few tenths of a second of work, far more than a request costs.
+// Work of a tile: a few tenths of a second of work, far more than a request costs.
 constexpr double kSamplesPerTile = 1 << 18;
 // On a side, so that the pilot's margin is little against the tile, and no image has too many.
 constexpr double kMinSide = 16;
 
-// Where part i of n begins.
+// The place where part i of n begins.
 uint32_t begin_of(uint32_t i, uint32_t n, uint32_t length) {
   return static_cast<uint32_t>(uint64_t{length} * i / n);
 }

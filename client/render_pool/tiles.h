@@ -39,7 +39,7 @@ class TiledReply {
   v1::RenderGradReply reply_;
 };
 
-// Of several replies together.
+// Adds up the counters of several replies.
 void add_counters(const v1::Counters& from, v1::Counters& to);
 
 }  // namespace itn

@@ -13,7 +13,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-// Of the call that asks a worker whether it is there.
+// The deadline of the call that asks a worker whether it is there.
 constexpr milliseconds kProbeDeadline{2000};
 
 }  // namespace

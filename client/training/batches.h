@@ -1,4 +1,4 @@
-// Where the images of each training step come from.
+// Sources of the images of each training step.
 #pragma once
 
 #include <cstdint>
@@ -27,10 +27,10 @@ class Batches {
   // order, but for the last one again. May throw Error.
   virtual TrainingImages batch_at(uint64_t step, uint32_t size) = 0;
 
-  // Of the images, in pixels a side.
+  // The side of the images, in pixels.
   virtual int resolution() const = 0;
 
-  // Of an epoch.
+  // The number of images in an epoch.
   virtual uint64_t image_count() const = 0;
 };
 
