@@ -194,8 +194,8 @@ std::optional<v1::Dataset> manifest_in(const std::string& folder) {
   return std::filesystem::exists(path) ? std::optional(read_manifest(path)) : std::nullopt;
 }
 
-// Where the dataset is there and nothing says otherwise of its shapes or panoramas, they are those
-// that it holds; render_dataset() says what differs.
+// The shapes and panoramas of a dataset that is there are those that it holds, where nothing says
+// otherwise; render_dataset() says what differs.
 DatasetPlan plan_of(const DatasetOptions& options, const CLI::App& command,
                     v1::DatasetSummary& summary) {
   const std::optional<v1::Dataset> existing = manifest_in(options.folder);

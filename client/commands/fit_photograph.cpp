@@ -26,7 +26,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// Where the camera looks, in mm before it.
+// The camera looks at a point so many mm before it.
 constexpr double kAhead = 1000;
 
 // The radius of a phone's lamp, in mm. A lamp that has a size has a derivative in its place.

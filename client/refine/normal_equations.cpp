@@ -425,7 +425,7 @@ Structure ImageEquations::structure_of(std::span<const double> differences) cons
       sum += quarter.difference;
       of_quarters += quarter.difference * quarter.difference;
     }
-    // Where the object ends, little of a block may be left, or of all quarters but one.
+    // Little may be left of a block where the object ends, or of all its quarters but one.
     constexpr double kLeast = 0.25;
     if (n < kLeast * side * side || pairs < kLeast * n * n) continue;
     structure += {.of_quarters = of_quarters,

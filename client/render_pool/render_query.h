@@ -46,7 +46,7 @@ struct RenderQuery {
   std::vector<std::string> derivatives = {};  // names (RenderGradRequest.parameters)
   v1::RenderedPixels pixels = v1::OBJECT_PIXELS;
   v1::Tracer tracer = v1::WAVEFRONT;
-  // Where they are given, the loss against the image and its gradient come back, and no images: by
+  // If they are given, the loss against the image and its gradient come back, and no images: by
   // pixel, weights >= 0.
   std::span<const float> image = {}, weight = {};
 };

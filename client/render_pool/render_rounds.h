@@ -53,7 +53,7 @@ struct RoundsReply {
   bool interrupted = false;  // before the goal was reached
 };
 
-// Where `progress` throws an Error of kCancelled and a round is done, that is what comes back.
+// If `progress` throws an Error of kCancelled and a round is done, that is what comes back.
 // `progress(so_far, round, fraction)` is called as RenderPool::render_split does, in each round of
 // so many samples. Throws what that throws.
 using RoundProgress =

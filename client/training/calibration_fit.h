@@ -11,14 +11,14 @@
 
 namespace itn {
 
-// Of answers (images x 9, as common/learning/gaussian.h) and the truth in standardised coordinates
-// (images x 3): the correction under which the truth is most likely. Deterministic.
+// The correction under which the truth in standardised coordinates (images x 3) is most likely,
+// given answers (images x 9, as common/learning/gaussian.h). Deterministic.
 v1::Calibration fit_calibration(const torch::Tensor& outputs, const torch::Tensor& truth);
 
-// Of a model with weights, from up to 4096 images, evenly spread. Nothing if its output is not
-// GAUSSIAN, or if there are less than 256 images: a width is known to one part in the square root
-// of twice their number, and is corrected by some hundredths. Throws Error (cancelled) soon after a
-// stop.
+// The correction of a model with weights, from up to 4096 images, evenly spread. Nothing if its
+// output is not GAUSSIAN, or if there are less than 256 images: a width is known to one part in the
+// square root of twice their number, and is corrected by some hundredths. Throws Error (cancelled)
+// soon after a stop.
 std::optional<v1::Calibration> measure_calibration(const v1::Model& model,
                                                    const HeldOutImages& held_out,
                                                    const std::stop_token& stop = {});

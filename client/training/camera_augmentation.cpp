@@ -93,7 +93,7 @@ torch::Tensor neighbourhood(int64_t size) {
   return torch::exp((at.unsqueeze(1) - at).square() / -2);
 }
 
-// Where the object covers a part of a pixel, a render shows what is behind it as well, which tells
+// A render shows what is behind the object, too, where that covers a part of a pixel, which tells
 // of the light: its own luminance is taken to be that of the pixels nearby that it fills.
 torch::Tensor luminance_of_object(const ImageBatch& images) {
   constexpr double kFull = 0.99, kNearby = 0.01;

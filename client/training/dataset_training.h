@@ -30,7 +30,7 @@ struct ValidationSet {
   Validation validation;
 };
 
-// Those of the dataset's validation split; null if it has none.
+// The set of the dataset's validation split; null if it has none.
 std::unique_ptr<ValidationSet> validation_set(DatasetReader& dataset, const PackedFormat& format,
                                               const std::filesystem::path& folder, double noise,
                                               const std::stop_token& stop);
@@ -44,8 +44,8 @@ int resolution_of(const v1::TrainingConfig& config, int images);
 v1::Model start_model(const std::optional<v1::Model>& init, const v1::Model& fitted,
                       const v1::DatasetConfig& images);
 
-// Of a model whose run is over (TrainingRun::complete). `images`: those of training. The validation
-// set, which may be null, must outlive it.
+// Completes a model whose run is over (TrainingRun::complete). `images`: those of training. The
+// validation set, which may be null, must outlive it.
 std::function<void(v1::Model&)> completion(ImageSource images, const ValidationSet* validation,
                                            std::stop_token stop);
 

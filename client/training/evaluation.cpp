@@ -49,7 +49,7 @@ void add(const MaterialCoordinates& terms, MaterialCoordinates& sum) {
   for (size_t k = 0; k < 3; ++k) sum[k] += terms[k];
 }
 
-// Of sums of squared errors of so many predictions.
+// The root of the mean of squared errors, by the sums of so many predictions.
 MaterialCoordinates root_mean(const MaterialCoordinates& squares, size_t count) {
   MaterialCoordinates roots;
   for (size_t k = 0; k < 3; ++k) roots[k] = std::sqrt(squares[k] / static_cast<double>(count));
@@ -75,7 +75,7 @@ struct Squares {
   }
 };
 
-// Of each image.
+// The squared errors of each image.
 std::vector<Squares> squares_of(std::span<const Material> predictions,
                                 const LabelledImages& images) {
   const std::vector<Material> constant = constant_predictions(images);

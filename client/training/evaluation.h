@@ -60,8 +60,8 @@ struct ImageErrors {
   double dissimilarity = 0;  // mean of 1 - MS-SSIM (common/image/ms_ssim.h)
 };
 
-// Of the images of these numbers, rendered again with the predictions; black ones count 0.
-// `progress` is called after each.
+// The errors of the images of these numbers, rendered again with the predictions; black ones count
+// 0. `progress` is called after each.
 ImageErrors image_errors(DatasetReader& dataset, RenderPool& pool, const LabelledImages& images,
                          std::span<const uint32_t> chosen, std::span<const Material> predictions,
                          uint32_t spp, const std::function<void()>& progress,

@@ -9,7 +9,7 @@
 namespace itn {
 namespace {
 
-// As the model was trained with.
+// The images as the model was trained with them.
 ImageSource with_camera_effects(const ImageSource& source, const v1::CameraAugmentation& camera) {
   if (source.count == 0 || !changes_images(camera)) return source;
   return {.count = source.count, .batch = [source, camera](std::span<const uint32_t> numbers) {

@@ -25,7 +25,7 @@ constexpr const char* kLines = "metrics.jsonl";
 constexpr const char* kColumns = "metrics.csv";
 constexpr const char* kPicture = "curves.png";
 
-// Of a picture: more are not seen.
+// The most points of a picture: more are not seen.
 constexpr size_t kMaxPoints = 2000;
 
 // What the picture shows: a curve a row. Neighbours of the same title are in one chart.
@@ -79,7 +79,7 @@ std::string values(const v1::TrainingMetrics& metrics) {
   return fmt::format("{}", fmt::join(fields, ","));
 }
 
-// As many points as can be seen: means of neighbours.
+// A curve of as many points as can be seen: means of neighbours.
 Curve thinned(const Curve& curve) {
   const size_t stride = (curve.x.size() + kMaxPoints - 1) / kMaxPoints;
   if (stride <= 1) return curve;

@@ -7,8 +7,8 @@
 
 namespace itn {
 
-// Of a square image of `side` pixels brought to `resolution` pixels, by averaging if they are
-// fewer: 1 x resolution x resolution, the relative noise of each pixel of the object (standard
+// The noise of a square image of `side` pixels brought to `resolution` pixels, by averaging if they
+// are fewer: 1 x resolution x resolution, the relative noise of each pixel of the object (standard
 // deviation over radiance; infinite if it is nothing but noise), 0 beside it.
 //
 // Radiance and noise are root mean squares under a Gaussian of 1.5 pixels: the standard error of

@@ -29,8 +29,8 @@ void muon_step(const torch::Tensor& kernel, torch::Tensor& momentum, double lear
   kernel.add_(direction.view(kernel.sizes()), -learning_rate * kStepSize * std::sqrt(longer_side));
 }
 
-// Of the hidden layers: what comes after the first convolution and has a matrix for each pixel of
-// its kernel.
+// Whether it is a kernel of a hidden layer: such a layer comes after the first convolution and has
+// a matrix for each pixel of its kernel.
 bool is_hidden_kernel(const torch::Tensor& parameter, bool any_before) {
   return parameter.dim() == 4 && any_before;
 }

@@ -18,10 +18,10 @@ class Adam;
 
 namespace itn {
 
-// Of the kinds that v1::TrainingConfig::Optimizer describes.
+// An optimizer of a kind that v1::TrainingConfig::Optimizer describes.
 class Optimizer {
  public:
-  // Of the configuration's kind and precision, for the parameters that the network has now.
+  // Has the configuration's kind and precision, for the parameters that the network has now.
   Optimizer(const EncoderNetwork& encoder, const v1::TrainingConfig& config);
   ~Optimizer();
   Optimizer(Optimizer&&) noexcept;

@@ -12,8 +12,8 @@ namespace itn {
 namespace {
 
 constexpr size_t kMaxImages = 4096, kMaxSpoilt = 1024, kFewestImages = 32;
-// Where samples ran out, an image shows little else than noise; if those counted as what is usual,
-// noise would.
+// An image shows little else than noise where samples ran out; if such images counted as what is
+// usual, noise would.
 constexpr double kMuchNoise = 1.5;  // over the median
 
 ImageBatch unchanged(const ImageBatch& images) {
@@ -24,7 +24,7 @@ struct Shown {
   Features features;
   torch::Tensor noise;  // images: relative
 
-  // Those of which `which` (images) is true.
+  // The images of which `which` is true.
   Shown part(const torch::Tensor& which) const {
     const torch::Tensor kept = which.nonzero().squeeze(1);
     return {{features.embedding.index_select(0, kept), features.statistics.index_select(0, kept)},
@@ -34,7 +34,7 @@ struct Shown {
   Shown less_noisy_than(double limit) const { return part(noise <= limit); }
 };
 
-// Of each image, on average over the object; none where nobody knows it.
+// The noise of each image, on average over the object; none where nobody knows it.
 torch::Tensor mean_noise(const ImageBatch& images) {
   if (!images.noise.defined()) return torch::zeros({images.size()});
   // Some pixel may show nothing else.
@@ -42,7 +42,7 @@ torch::Tensor mean_noise(const ImageBatch& images) {
          images.mask.sum({1, 2}).clamp_min(1);
 }
 
-// Of the images, changed.
+// What the predictor says of the images, changed.
 Shown show(Predictor& predictor, const ImageSource& source, std::span<const uint32_t> numbers,
            const std::stop_token& stop, ImageBatch (*change)(const ImageBatch&) = unchanged) {
   std::vector<torch::Tensor> embeddings, statistics, noises;

@@ -10,11 +10,11 @@
 
 namespace itn {
 
-// Of a model with weights, from up to 4096 images of each source, evenly spread, less those that
-// are far noisier than most. `held_out`: of shapes that the model was not trained with; without
-// any, a quarter of the training images take their place, whose scores are a little too small.
-// Nothing if there are less than 32 training images. Deterministic. Throws Error (cancelled) soon
-// after a stop.
+// The outlier model of a model with weights, from up to 4096 images of each source, evenly spread,
+// less those that are far noisier than most. `held_out`: of shapes that the model was not trained
+// with; without any, a quarter of the training images take their place, whose scores are a little
+// too small. Nothing if there are less than 32 training images. Deterministic. Throws Error
+// (cancelled) soon after a stop.
 std::optional<v1::OutlierModel> measure_outlier_model(const v1::Model& model,
                                                       const ImageSource& training,
                                                       const ImageSource& held_out,

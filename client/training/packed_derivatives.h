@@ -13,8 +13,8 @@
 
 namespace itn {
 
-// Of every image of a split: d luminance / d (sigma_t, albedo, g), the mean of its estimates;
-// 12 bytes for each pixel.
+// Derivatives of every image of a split: d luminance / d (sigma_t, albedo, g), the mean of its
+// estimates; 12 bytes for each pixel.
 class PackedDerivatives {
  public:
   // `resolution`: a side; the images' own, or less. `folder`: where the file is. Throws Error: kIo

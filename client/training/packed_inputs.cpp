@@ -11,7 +11,7 @@
 namespace itn {
 namespace {
 
-// Of each image.
+// Planes of each image.
 int plane_count(const PackedFormat& format) {
   return needs_weight_map(format.input) ? 4 : 3;
 }

@@ -9,7 +9,7 @@
 namespace itn {
 namespace {
 
-// Of g, over which the mean is taken.
+// Values of g over which the mean is taken.
 constexpr int kSteps = 1024;
 
 double determinant(const Jacobian& j) {

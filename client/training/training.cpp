@@ -135,7 +135,7 @@ class RunningStatistics {
   std::vector<std::pair<torch::Tensor, torch::Tensor>> before_;
 };
 
-// Of a dataset, as the configuration wants them.
+// The batches of a dataset that the configuration wants.
 std::unique_ptr<Batches> batches_of(const v1::TrainingConfig& config, const LabelledImages& images,
                                     const PackedInputs& inputs, const v1::Model& model) {
   std::unique_ptr<Batches> batches =

@@ -19,7 +19,8 @@ struct ModelStoreOptions {
   // Each [NAME=]MODEL, a MODEL as find_model() takes it. Without NAME it is that of a model that
   // comes with itn, or else the model's own. The version is the model's own.
   std::vector<std::string> models;
-  // Of files NAME.itn, whose version is the model's own, and NAME/VERSION.itn. Empty: none.
+  // The folder of files NAME.itn, whose version is the model's own, and NAME/VERSION.itn. Empty:
+  // none.
   std::filesystem::path folder;
 };
 
@@ -75,7 +76,8 @@ class ModelStore {
   void look_into_folder();
   std::vector<Slot> slots_of_folder();  // throws fs::filesystem_error
   std::vector<std::filesystem::path> known_in(const std::filesystem::path& subfolder) const;
-  // Of what is looked at again and again, and stays as it is: again only after a refresh without.
+  // Warns once of what is looked at again and again and stays as it is, and again only after a
+  // refresh without it.
   void warn_once(const std::string& warning);
   void load(Slot& slot) const;
   void publish();

@@ -23,9 +23,9 @@ class NetworkThread {
   // image. Fewer if they take more than Predictor::inputs_at_a_time().
   explicit NetworkThread(int max_batch);
 
-  // As Predictor::embed(), with whatever others ask of the same model until its turn comes: what is
-  // returned does not depend on that. The predictor lives until then. Throws Error (cancelled) if a
-  // stop was requested before its turn.
+  // Does what Predictor::embed() does, with whatever others ask of the same model until its turn
+  // comes: what is returned does not depend on that. The predictor lives until then. Throws Error
+  // (cancelled) if a stop was requested before its turn.
   torch::Tensor embed(const Predictor& predictor, const torch::Tensor& input,
                       const std::stop_token& stop);
 

@@ -7,7 +7,7 @@
 namespace itn {
 namespace {
 
-// Of a request: three channels and a mask, and a little for the rest.
+// The largest request: three channels and a mask, and a little for the rest.
 uint64_t max_message_bytes(uint64_t max_pixels) {
   return max_pixels * 4 * sizeof(float) + (uint64_t{1} << 20);
 }

@@ -9,14 +9,14 @@
 
 namespace itn {
 
-// As RenderServerOptions.
+// Options like RenderServerOptions.
 struct PredictServerOptions : GrpcServerOptions {
   PredictServiceOptions service;
 };
 
 class PredictServer : public ServiceServer<PredictService> {
  public:
-  // Of memory: the program with LibTorch, its threads, and a network.
+  // Memory that the program takes: with LibTorch, its threads, and a network.
   static constexpr uint64_t kOwnBytes = uint64_t{512} << 20;
 
   PredictServer(std::shared_ptr<const ModelStore> models, const PredictServerOptions& options);

@@ -47,7 +47,7 @@ std::string image_bytes(const std::vector<float>& image) {
   return to_bytes(image);
 }
 
-// Of the image as it would be sent: 0 at the pixels that are not rendered.
+// The loss of the image as it would be sent: 0 at the pixels that are not rendered.
 void fill_loss(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
                const DerivativeWeights& derivative_weights, v1::RenderGradReply& reply) {
   const tracer::LossWithGradient loss = tracer::weighted_image_loss(

@@ -17,7 +17,7 @@ struct RenderServerOptions : GrpcServerOptions {
 
 class RenderServer : public ServiceServer<RenderService> {
  public:
-  // Of memory: the program, its libraries, its threads, and a thousand connections.
+  // Memory that the program takes: its libraries, its threads, and a thousand connections.
   static constexpr uint64_t kOwnBytes = uint64_t{128} << 20;
 
   explicit RenderServer(const RenderServerOptions& options);

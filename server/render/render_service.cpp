@@ -126,7 +126,7 @@ class RenderService::RenderCall final : public QueuedCall {
         stop);
   }
 
-  // Of a scene with the values that are asked for.
+  // The key of a scene with the values that are asked for.
   std::string key_of(const std::string& digest) const {
     std::string key = digest;
     for (const auto& [parameter, value] : built_.values) {
@@ -196,7 +196,7 @@ class RenderService::RenderCall final : public QueuedCall {
   RenderService& service_;
   v1::RenderGradRequest request_;
   uint64_t request_bytes_ = 0;
-  // Of a request that waits and names one: it stays until then.
+  // The scene of a request that waits and names one: it stays until then.
   SceneCache::ScenePtr scene_;
   SceneCache::DescribedPtr described_;
   BuiltRequest built_;

@@ -19,7 +19,7 @@ struct RenderServiceOptions {
   int renders = 1;                         // at a time
   size_t queue_capacity = 16;              // requests that wait
   size_t cache_bytes = size_t{512} << 20;  // of scenes and their parts
-  // Of all requests under way together, and of scenes in use as far as they do not fit into
+  // Memory of all requests under way together, and of scenes in use as far as they do not fit into
   // cache_bytes; 0: no limit.
   uint64_t memory_bytes = 0;
   double max_seconds = 600;  // of a render, its scene included; 0: no limit

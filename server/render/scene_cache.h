@@ -33,11 +33,11 @@ class SceneCache {
   // A scene that others differ from in some numbers, before it is compiled.
   struct Described {
     tracer::SceneDescription description;  // its object is compiled, unless it has others beside it
-    // Of all that it holds itself, be it named in the message by a word.
+    // Memory of all that it holds itself, be it named in the message by a word.
     size_t memory() const { return sizeof(*this) + tracer::memory_of(description); }
   };
   using DescribedPtr = std::shared_ptr<const Described>;
-  // As the two above; by the digest of that scene.
+  // Finds a description by the digest of its scene, like the two functions above.
   DescribedPtr find_described(const std::string& digest);
   DescribedPtr get_or_describe(const std::string& digest,
                                const std::function<DescribedPtr()>& describe,

@@ -28,7 +28,7 @@ inline int derivative_count(const v1::RenderGradRequest& request) {
   return request.derivatives_size() + request.scene_derivatives_size() + request.parameters_size();
 }
 
-// And how many images of them are answered.
+// The number of images of them that are answered.
 inline uint64_t derivative_images(const v1::RenderGradRequest& request) {
   const int images = request.has_loss() || request.has_gradient() ? 0 : derivative_count(request);
   return static_cast<uint64_t>(images) * std::max(request.colours_size(), 1);
@@ -45,8 +45,8 @@ std::vector<std::string> parameter_names();
 // Error (invalid input), which says what names there are.
 std::variant<v1::Parameter, tracer::Parameter> parameter_of(const std::string& name);
 
-// Of a material, or of those of the colours. Throws Error (invalid input) where a derivative is
-// unknown, or asked for twice.
+// Derivatives of a material, or of those of the colours. Throws Error (invalid input) where a
+// derivative is unknown, or asked for twice.
 Derivatives derivatives_of(const v1::RenderGradRequest& request,
                            std::span<const Material> materials);
 

@@ -57,7 +57,7 @@ class FieldReader {
   // R, G and B of each; times `scale` in [0, most].
   std::vector<float> pixel_values(const std::string& field, const v1::Pixels& proto, double scale,
                                   double most) const;
-  // Of a message with an oneof of `pixels` and `path`.
+  // The pixels of a message with an oneof of `pixels` and `path`.
   template <typename Message>
   const v1::Pixels& required_pixels() const;
   // Null where it is absent.

@@ -125,7 +125,7 @@ uint64_t triangle_count(const v1::Triangles& proto) {
   return proto.indices().size() / sizeof(std::array<uint32_t, 3>);
 }
 
-// Of all that the object depends on but its pose.
+// The key of all that the object depends on but its pose.
 std::string object_key(const v1::Mesh& proto, int first_of_pose) {
   v1::Mesh rest;
   rest.set_normalize(proto.normalize());

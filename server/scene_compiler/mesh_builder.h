@@ -47,7 +47,8 @@ class MeshBuilder {
 // `smooth_angle_degrees` of a field, in radians. Throws Error (invalid input).
 double build_smooth_angle(const std::string& field, double degrees);
 
-// Of an object after its transforms, in mm, however many triangles it has; `field` names it.
+// The bounds of an object after its transforms, in mm, however many triangles it has; `field` names
+// it.
 Bounds object_bounds(const std::string& field, const v1::Object& object);
 
 }  // namespace itn

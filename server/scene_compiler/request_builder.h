@@ -15,7 +15,7 @@ namespace itn {
 struct BuiltRequest {
   tracer::RenderRequest asked;
   DerivativeWeights derivative_weights;  // of asked.derivatives
-  // Of the scene, in the order of the request.
+  // Values of the scene's parameters, in the order of the request.
   std::vector<std::pair<tracer::Parameter, double>> values = {};
 };
 
@@ -23,7 +23,7 @@ struct BuiltRequest {
 // This and the following throw Error as in common/scene/field_check.h.
 BuiltRequest build_request(const v1::RenderGradRequest& request, const RenderLimits& limits);
 
-// Of the tile that is asked for, or of the film.
+// The pixels of the tile that is asked for, or of the film.
 uint64_t pixel_count(int width, int height, const v1::RenderGradRequest& request);
 
 // Checks the request against its scene: throws kInvalidInput if the loss's image has another size,

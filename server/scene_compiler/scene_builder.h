@@ -17,7 +17,7 @@ struct RenderLimits {
   uint64_t max_pixels = uint64_t{1} << 24;
   uint32_t max_spp = tracer::kMaxSamples;
   uint64_t max_triangles = 10'000'000;  // of all meshes of a scene together
-  // Of a request and of a reply. Protocol buffers end at 2 GiB.
+  // The largest request or reply. Protocol buffers end at 2 GiB.
   uint64_t max_message_bytes = uint64_t{2047} << 20;
 };
 

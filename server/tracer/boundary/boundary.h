@@ -115,9 +115,9 @@ HWY_INLINE BoundaryValue evaluate_flat(const Boundary& boundary, const Crossing&
   return result;
 }
 
-// Where triangles stand for a smooth surface, a direction that is reflected from the one side of
-// the surface may be on the other side of the triangle. It is mirrored at the triangle then, and so
-// is one that is refracted: no light is lost, and none leaks. So a direction `to` has come about by
+// If triangles stand for a smooth surface, a direction that is reflected from the one side of the
+// surface may be on the other side of the triangle. It is mirrored at the triangle then, and so is
+// one that is refracted: no light is lost, and none leaks. So a direction `to` has come about by
 // itself, or as the mirror image of one, or both.
 
 // Nothing of a boundary that is a delta.
@@ -151,7 +151,7 @@ HWY_INLINE Vectors on_its_side(const Crossing& at, Vectors direction, Mask trans
   return if_then_else(reflects ^ transmitted, direction, mirrored(direction, at.flat_normal));
 }
 
-// Of a boundary that is a delta and refracts.
+// The transmission of a boundary that is a delta and refracts.
 HWY_INLINE Transmission transmit(const Boundary& boundary, const Crossing& at) {
   Transmission through{at.direction, set(1.0F)};
   visit_kind(boundary, [&]<typename Kind>(const Kind& kind) {
@@ -182,7 +182,7 @@ HWY_INLINE void follow_edges(const Boundary& boundary, const Crossing& at, const
   next.by_normal = if_then_else(chosen, ending.by_normal, next.by_normal);
 }
 
-// Of a boundary that stops lines.
+// Draws a direction at a boundary that stops lines.
 HWY_INLINE BoundarySample sample(const Boundary& boundary, const Crossing& at, const Words& words) {
   const Floats zero = hn::Zero(FloatTag());
   BoundaryDraw drawn{at.direction, hn::FirstN(FloatTag(), 0), zero};

@@ -31,8 +31,8 @@ HWY_INLINE Vectors facing(Mask leaving, Vectors outwards) {
   return if_then_else(leaving, set(Vec3f{}) - outwards, outwards);
 }
 
-// Where a mirror would send light through the triangle, the normal is bent until it does not:
-// halfway between where the path comes from, and a direction that is just outside.
+// The normal is bent until a mirror does not send light through the triangle: halfway between where
+// the path comes from, and a direction that is just outside.
 struct Lift {
   Vectors back, lifted;  // these directions; the latter of any length
   Mask needed;
@@ -78,7 +78,8 @@ HWY_INLINE Vectors slope_outwards(const Crossing& at, Vectors slope) {
   return facing(at.leaving, if_then_else(lift.needed, bent, slope));
 }
 
-// Where a smooth boundary lets light through to, and the part of it that it reflects instead.
+// The direction in which a smooth boundary lets light through, and the part of it that it reflects
+// instead.
 struct Transmission {
   Vectors direction;
   Floats reflected;
@@ -98,9 +99,9 @@ struct BoundarySample {
   Floats weight;                     // value / pdf; 0: the light is absorbed
   Floats pdf;                        // per steradian; of a boundary that is a delta, 0
   Floats scores[kMaxBoundarySlots];  // see BoundaryValue
-  // Where an edge is followed (BoundaryEdge), which is behind the boundary: its weight over the
-  // probability of that, `weight` being 0; else 0. It is that of a derivative in the index, or,
-  // where that in the normal is asked for, what multiplies `by_normal`.
+  // The weight of an edge (BoundaryEdge) behind the boundary over the probability that it is
+  // followed, `weight` being 0; else 0. It is that of a derivative in the index, or, where that in
+  // the normal is asked for, what multiplies `by_normal`.
   Floats edge_weight;
   Vectors by_normal;
 };

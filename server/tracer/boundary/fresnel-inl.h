@@ -15,7 +15,7 @@ HWY_INLINE Vectors mirrored(Vectors d, Vectors normal) {
   return renormalize(d - normal * (2 * dot(d, normal)));
 }
 
-// Of two indices of refraction, that beyond the boundary over that before it.
+// The index of refraction beyond the boundary over that before it.
 HWY_INLINE Floats index_ahead(float relative_index, Mask leaving) {
   return hn::IfThenElse(leaving, set(1 / relative_index), set(relative_index));
 }
@@ -47,7 +47,7 @@ HWY_INLINE Floats reflected_slope(Floats cosine, Floats index, Floats d_cosine, 
   const Floats q2 = index2 - 1 + c * c;
   const Floats q = hn::Sqrt(hn::Max(q2, set(1e-6F)));  // what rounding leaves of it
   const Floats d_q = mul_add(index, d_index, c * d_cosine) / q;
-  // Of the square of (a - q) / (a + q).
+  // The derivative of the square of (a - q) / (a + q).
   const auto d_square = [&](Floats a, Floats d_a) {
     const Floats sum = a + q;
     const Floats turn = q * d_a - a * d_q;

@@ -15,7 +15,7 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// Of the light that arrives, which part goes on, averaged over a lattice of microfacets; and the
+// The part of the light that arrives and goes on, averaged over a lattice of microfacets; and the
 // derivatives of that in the index, a difference over the same lattice, and in the roughness.
 std::array<double, 3> going_on(const RoughDielectric& boundary, bool leaving, float cosine) {
   constexpr size_t kMicrofacets = 4096;

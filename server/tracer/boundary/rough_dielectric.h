@@ -158,7 +158,7 @@ HWY_INLINE BoundaryValue walter(const RoughDielectric& boundary, const Crossing&
   return result;
 }
 
-// Where the model ends it is not 0: level microfacets, n.m = 0, refract, and whereto turns with the
+// The model is not 0 where it ends: level microfacets, n.m = 0, refract, and whereto turns with the
 // index and the normal. So the derivative of light in the index has another part than value times
 // score: the light from there, by the density of level microfacets times n.dm/de; and that in the
 // normal, by the same density times m. They are drawn by their i.m.
@@ -184,7 +184,7 @@ HWY_INLINE BoundaryEdge edge(const RoughDielectric& boundary, const Crossing& at
   return {o, 2 * alpha * alpha * std::numbers::inv_pi_v<float> * density * passing, turn, m};
 }
 
-// Of light that arrives under angles on either side: M, and its derivatives by slot.
+// M of light that arrives under an angle on either side, and its derivatives by slot.
 struct Lost {
   Floats part, slopes[2], by_cosine;  // and in that
 };

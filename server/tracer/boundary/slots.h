@@ -7,7 +7,7 @@ namespace itn::tracer {
 
 constexpr size_t kMaxBoundarySlots = 2;
 
-// Those that are computed only if they are asked for. With them, some paths follow edges
+// Derivatives that are computed only if they are asked for. With them, some paths follow edges
 // (BoundaryEdge).
 struct BoundaryDerivatives {
   bool index = false, normal = false;

@@ -13,7 +13,7 @@ using Rgb = std::array<double, 3>;
 // one up wants all.
 using RgbTable = std::vector<float>;
 
-// Of kRgb all three are rendered, and luminance tells how.
+// What a film shows. All three colours of kRgb are rendered, and luminance tells how.
 enum class Channel { kLuminance, kRed, kGreen, kBlue, kRgb };
 inline constexpr std::array kColours{Channel::kRed, Channel::kGreen, Channel::kBlue};
 inline constexpr std::array kLuminanceOfColours{0.2126, 0.7152, 0.0722};

@@ -26,7 +26,8 @@ std::vector<uint32_t> all_counts(const FilmSums& sums) {
   return result;
 }
 
-// Of an image: `radiance_of(estimate)` are its sums, and `squares` those of squares.
+// Standard errors of an image: `radiance_of(estimate)` are its sums, and `squares` those of
+// squares.
 std::vector<float> standard_errors(const FilmSums& sums, const std::vector<uint32_t>& counts,
                                    const std::vector<Sum>& squares, const auto& radiance_of) {
   std::vector<float> result(squares.size());

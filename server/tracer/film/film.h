@@ -30,10 +30,10 @@ struct FilmSums {
   int film_width = 0;
   double quantum = 0;          // of radiance; a power of two
   double squares_quantum = 0;  // of squares
-  // Of derivatives, in the order of RenderRequest::derivatives.
+  // Quanta of derivatives, in the order of RenderRequest::derivatives.
   std::vector<double> derivative_quanta;
-  // Of a gradient (RenderRequest::gradient_weights), which is a sum over paths of a factor by
-  // estimate and pixel, times the unit, times the path's derivative: weight / samples, with a
+  // Factors of a gradient (RenderRequest::gradient_weights), which is a sum over paths of a factor
+  // by estimate and pixel, times the unit, times the path's derivative: weight / samples, with a
   // largest factor of about 1.
   std::vector<std::vector<float>> gradient_factors;
   double gradient_unit = 0, map_quantum = 0;
@@ -51,7 +51,7 @@ struct FilmSums {
   std::vector<Sum> hits;                        // camera rays that meet the object
   Counters counters;
 
-  // Where a pixel, numbered in the camera's film, is in the arrays.
+  // The place in the arrays of a pixel that is numbered in the camera's film.
   size_t index_of(uint32_t pixel) const {
     const auto column = static_cast<int>(pixel % static_cast<uint32_t>(film_width));
     const auto row = static_cast<int>(pixel / static_cast<uint32_t>(film_width));
@@ -60,7 +60,7 @@ struct FilmSums {
   }
 };
 
-// Of so many samples, those that belong to estimate k of K.
+// The number of samples that belong to estimate k of K, of so many.
 uint32_t samples_of_estimate(uint32_t count, uint32_t k, uint32_t estimates);
 
 // Means over the samples, 0 where there are none; all arrays width * height, top row first.

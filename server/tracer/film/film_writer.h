@@ -34,7 +34,7 @@ class FilmWriter {
   void add(const PathSample& sample, const PathEstimate& path);
   // Light that reaches the pixel of a sample from a pixel of the panorama, per radiance there.
   void add_to_map(uint32_t pixel, uint32_t sample, size_t map_pixel, double per_radiance);
-  // And of what the three corners' normals of a triangle change of it.
+  // Adds what the three corners' normals of a triangle change of it.
   void add_to_normals(uint32_t pixel, uint32_t sample, uint32_t triangle,
                       const std::array<Vec3d, 3>& by_corner);
   // To be called when all is added.
@@ -61,7 +61,7 @@ class FilmWriter {
   uint32_t estimates_;
   bool is_gradient_;
   size_t derivatives_, other_media_, other_squares_;  // how many images of each
-  // Of estimates, by derivative: collected here until close().
+  // Sums of estimates, by derivative, that are collected here until close().
   std::vector<std::array<Sum, kMaxDerivatives>> gradients_;
   double per_radiance_, per_square_;
   std::array<double, kMaxDerivatives> per_derivative_{};

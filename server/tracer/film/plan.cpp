@@ -42,7 +42,7 @@ void number_paths(Plan& plan) {
   }
 }
 
-// And the pixels around it that are averaged for those at its edge.
+// The tile and the pixels around it that are averaged for those at its edge.
 Tile with_margin(const Tile& tile, const FilmDescription& film) {
   const auto grown = [](uint32_t first, uint32_t count, int length) {
     const auto begin = first - std::min<uint32_t>(first, kBlur);

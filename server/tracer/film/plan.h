@@ -29,7 +29,7 @@ struct Plan {
 // The part of the film that is rendered.
 Tile tile_of(const Scene::Compiled& scene, const RenderRequest& request);
 
-// As many samples in every pixel that is rendered.
+// A plan of as many samples in every pixel that is rendered.
 Plan even_plan(const Scene::Compiled& scene, const RenderRequest& request);
 
 // How the pilot of a render is rendered: few samples, of other random numbers, also of the pixels

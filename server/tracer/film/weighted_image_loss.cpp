@@ -38,7 +38,7 @@ double weighted_energy(std::span<const float> image, std::span<const float> weig
   return energy;
 }
 
-// Of a quantity by estimate k, f_k, with the differences T_k - I at one pixel: the sum over the
+// For a quantity f_k by estimate k, and the differences T_k - I at one pixel, the sum over the
 // pairs of different estimates of (T_j - I) f_k, before division by K (K - 1).
 double pair_sum(double intended, std::span<const RenderEstimate> estimates, size_t pixel,
                 const auto& quantity) {

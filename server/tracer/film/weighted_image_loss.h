@@ -41,7 +41,7 @@ struct LossWithGradient {
 LossWithGradient weighted_image_loss(std::span<const float> image, std::span<const float> weight,
                                      std::span<const RenderEstimate> estimates);
 
-// Where samples are needed for the gradient (RenderRequest::sampling_weights). The noise of
+// Tells where samples are needed for the gradient (RenderRequest::sampling_weights). The noise of
 // the term of pixel p, w_p^2 (T_p - I_p) dT_p, is that of T_p or dT_p times w_p^2 and dT_p or T_p -
 // I_p, and these are in proportion to T_p, more or less, which is about I_p:
 //

@@ -7,7 +7,7 @@
 namespace itn::tracer {
 namespace {
 
-// Of any length but 0.
+// Packs the direction of a vector of any length but 0.
 uint32_t pack(Vec3f n) {
   const float sum = std::abs(n.x) + std::abs(n.y) + std::abs(n.z);
   float u = n.x / sum, v = n.y / sum;

@@ -28,7 +28,7 @@ struct CellNormals {
   static constexpr float kPackedOne = 32767;  // the middle of a side, and half its length
 
   size_t memory() const { return packed.size() * sizeof(packed.front()); }
-  // And while they are computed.
+  // The most memory that is taken while they are computed.
   static constexpr size_t most_memory() { return 32 * DepthGrid::most_memory(); }
 };
 

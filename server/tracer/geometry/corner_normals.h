@@ -50,7 +50,7 @@ class CornerNormals {
     const float squared = dot(sum, sum);
     return squared > kLeastSquare ? sum * (1 / std::sqrt(squared)) : own;
   }
-  // Of the length of what is interpolated, where that is a normal.
+  // The least square of the length of what is interpolated, where that is a normal.
   static constexpr float kLeastSquare = 0.01F;
   // By triangle, at its three corners.
   const std::vector<std::array<Vec3f, 3>>& by_triangle() const { return by_triangle_; }

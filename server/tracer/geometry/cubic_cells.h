@@ -131,7 +131,7 @@ class TriangleAmongCells {
     }
   }
 
-  // Of a box that meets that of the triangle.
+  // Whether the triangle touches a box that meets its own.
   bool touches(const Box& box) const {
     const auto middle = [&](size_t axis) {
       return 0.5 * cells_.edge * (box.first[axis] + box.last[axis] + 1);

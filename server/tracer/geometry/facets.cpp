@@ -35,7 +35,7 @@ Facets::Facets(const Mesh& mesh, const std::stop_token& stop) {
     around.push_back(t);
     near.clear();
     for (const uint32_t vertex : mesh.triangles[t]) {
-      // Those around the point of a cone are too many to be neighbours.
+      // Facets around the point of a cone are too many to be neighbours.
       if (fans.first[vertex + 1] - fans.first[vertex] > CornerNormals::kMaxFan) continue;
       near.insert(near.end(), fans.triangles.begin() + fans.first[vertex],
                   fans.triangles.begin() + fans.first[vertex + 1]);

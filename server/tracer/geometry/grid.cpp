@@ -36,7 +36,7 @@ constexpr size_t most_cells(size_t triangles) {
 constexpr size_t most_blocks(size_t triangles) {
   return triangles + (size_t{1} << 14);
 }
-// Of triangles in cells.
+// The most references to triangles in cells.
 constexpr size_t most_references(size_t triangles) {
   return 8 * triangles + (size_t{1} << 16);
 }
@@ -82,8 +82,8 @@ uint32_t slab_of(double low, double high) {
          number(high + kMargin, [](double v) { return std::ceil(v); }) << 16;
 }
 
-// Of crossings by where they are, those before `end`: the sum over the first group, of neighbours
-// less than `apart` from each other, whose sum is not 0; 0 if there is none.
+// The sum over the first group of crossings before `end`, neighbours less than `apart` from each
+// other, whose sum is not 0; 0 if there is none.
 int first_side(const std::map<uint32_t, std::pair<double, int>>& crossings, double end,
                double apart) {
   std::vector<std::pair<double, int>> sorted;
@@ -351,7 +351,7 @@ bool Grid::lies_inside(int x, int y, int z, Cancellation& cancellation) const {
         if (t >= 0) ahead[numbers[b][i]] = {t, slope > 0 ? 1 : -1};
       }
     }
-    // Of those in this cell and before, the first that do not cancel each other.
+    // The first crossings in this cell and before that do not cancel each other.
     const double end = low.x + (x + 1.0) * edge - from.x;
     if (const int left = first_side(ahead, end - apart, apart); left != 0) return left > 0;
   }

@@ -31,9 +31,9 @@ struct alignas(64) TriangleBlock {
 struct OccupiedCell {
   uint32_t first_block, block_count;
   Vec3f middle;
-  // Where lines need not look for crossings. The signed bytes a_x, a_y, a_z are an axis, about the
-  // mean of the normals n of its triangles, and the byte above them a threshold T, such that
-  // |d . a| >= T means that n . d has the sign of a . d for all of them; 255 if there is none.
+  // Tells where lines need not look for crossings. The signed bytes a_x, a_y, a_z are an axis,
+  // about the mean of the normals n of its triangles, and the byte above them a threshold T, such
+  // that |d . a| >= T means that n . d has the sign of a . d for all of them; 255 if there is none.
   uint32_t normals;
   // All of its triangles lie in the slab low <= a . (x - middle) <= high: two numbers of 16 bits,
   // low in the lower half, that stand for -1 .. 1 times Grid::slab_scale.

@@ -38,7 +38,7 @@ struct Hit {
   float t = std::numeric_limits<float>::infinity();
   bool found = false;
   SurfaceTriangle surface;  // kNone: a crossing of the boundary
-  // Of a crossing: the object's triangle, and the barycentric coordinates of its second and third
+  // The object's triangle at a crossing, and the barycentric coordinates of its second and third
   // corner.
   uint32_t triangle = SurfaceTriangle::kNone;
   float v = 0, w = 0;
@@ -51,8 +51,8 @@ class Intersector {
   virtual ~Intersector() = default;
   // The closest wanted hit at a distance in [t_min, t_max], found to within line.slack.
   virtual Hit closest(const Line& line, float t_min, float t_max, Wanted wanted) const = 0;
-  // Where a crossing is, by its barycentric coordinates: as near to the boundary as can be, however
-  // far the line has come. And the normal, of unit length, outwards.
+  // The place of a crossing by its barycentric coordinates, as near to the boundary as can be
+  // however far the line has come, and the outward normal, of unit length.
   struct Crossing {
     Vec3f point, normal;
   };

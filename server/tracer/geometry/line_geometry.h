@@ -1,4 +1,4 @@
-// Where a straight line crosses the boundary of the medium and meets surfaces.
+// Finds where a straight line crosses the boundary of the medium and meets surfaces.
 //
 // Rounding makes a point near the boundary lie on either side of it, and the order of crossings
 // that nearly coincide uncertain. Three rules keep a line consistent:

@@ -42,16 +42,16 @@ struct Rays {
   }
 };
 
-// Of rays that end in a crossing of the boundary: where it is and which way the ray goes is the
-// ray's, whose interaction is that before it.
+// Crossings of the boundary that rays end in: the place and the direction are the ray's, and its
+// interaction is that before the crossing.
 struct Crossings {
   UintColumn triangle{};  // its number in the object's mesh
-  // Of unit length, outwards: of the triangle, and of the smooth surface that it stands for, unless
-  // all are flat.
+  // Outward normals of unit length of the triangle and of the smooth surface that it stands for,
+  // unless all are flat.
   VectorColumn normal{}, smooth_normal{};
 };
 
-// Of unit normals that face nearly opposite ways: their product is less.
+// The product of unit normals that face nearly opposite ways is less.
 constexpr float kOtherWay = -0.9F;
 
 // What is asked of the rays that are followed: where each ended, or only how, and how long it was.

@@ -24,10 +24,11 @@ struct EnvironmentMapLight {
   std::vector<float> rgb;  // 3 * width * height, top row first
   double scale = 1;
   double rotate_y = 0;
-  // Of the pixels, for scenes that share them; empty: not shared.
+  // The digest of the pixels, for scenes that share them; empty: not shared.
   std::string digest = {};
 
-  // Of pixels times scale, where a sun may be far above all else. Its fourth power is a float's.
+  // The largest pixel times scale, where a sun may be far above all else. Its fourth power is a
+  // float's.
   static constexpr double kMaxRadiance = 1e9;
 
   static constexpr const char* kName = "environment_map";
@@ -110,8 +111,8 @@ class EnvironmentMap {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// Where the map is looked up: its pixel at (u, v), and the four pixels between whose middles that
-// is, at the fractions fx and fy, numbered row by row.
+// The place where the map is looked up: its pixel at (u, v), and the four pixels between whose
+// middles that is, at the fractions fx and fy, numbered row by row.
 struct MapPlace {
   Floats u, v, fx, fy;
   Ints upper[2], lower[2];
@@ -141,7 +142,7 @@ HWY_INLINE MapPlace place_of(const EnvironmentMap& light, Vectors direction) {
   return {u, v, fx, fy, {r0 + c0, r0 + c1}, {r1 + c0, r1 + c1}};
 }
 
-// Of the table of a channel, whose values lie so far apart.
+// The radiance by the table of a channel, whose values lie so far apart.
 HWY_INLINE Floats radiance_at(const MapPlace& at, const float* values, int stride = 1) {
   const auto value = [&](Ints pixel) { return gather(values, pixel * hn::Set(IntTag(), stride)); };
   return mix(mix(value(at.upper[0]), value(at.upper[1]), at.fx),

@@ -28,7 +28,8 @@ double squared(Vec3d v) {
   return dot(v, v);
 }
 
-// Of the nearest point of the triangle, which is within it or on one of its sides.
+// The squared distance of the nearest point of the triangle, which is within it or on one of its
+// sides.
 double squared_distance(const Triangle& triangle, Vec3d p) {
   const Vec3d normal = cross(triangle[1] - triangle[0], triangle[2] - triangle[0]);
   double nearest = HUGE_VAL;

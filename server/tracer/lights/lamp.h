@@ -11,8 +11,8 @@ namespace itn::tracer {
 
 struct LampPlace {
   Vec3d position;  // in the coordinates of the object
-  // Of the object's middle, squared, in mm^2: there, power() is the irradiance. It decides how
-  // often the lamp is drawn.
+  // The squared distance of the object's middle, in mm^2: there, power() is the irradiance. It
+  // decides how often the lamp is drawn.
   double distance2;
   double rounding;  // of places of the object and the lamp, at most, in mm
 };

@@ -170,7 +170,7 @@ struct LightSamples {
   Uints source = hn::Zero(UintTag());  // Lights::Light::source
 
   Mask dense() const { return pdf > 0; }
-  // Where all lights that are far away, but for deltas, send it.
+  // Whether all lights that are far away, but for deltas, send it.
   Mask from_far() const { return dense() & hn::Eq(distance, set(kInfinity)); }
 };
 HWY_INLINE LightSamples if_then_else(Mask mask, const LightSamples& a, const LightSamples& b) {

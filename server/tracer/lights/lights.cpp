@@ -112,7 +112,7 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFra
     }
     ++number;
   }
-  // Of what sends light alone, lamps come first.
+  // Lamps come first among what sends light alone.
   uint32_t lamps = 0, deltas = static_cast<uint32_t>(lights_.size());
   for (Light& light : lights_) {
     power_ += light.probability;

@@ -36,7 +36,7 @@ class Lights {
 
   // Places `from` are in mm, in the coordinates of the object; they matter where there are lamps.
 
-  // Of everything but deltas.
+  // The radiance of everything but deltas.
   float radiance(Vec3f direction, Vec3f from = {}) const;
   // The parts of radiance and of a sample's weight that are due to one description.
   float radiance_of(size_t number, Vec3f direction, Vec3f from = {}) const;
@@ -58,8 +58,8 @@ class Lights {
   // The panorama that a description was compiled to, or null.
   const EnvironmentMap* map_of(size_t number) const;
 
-  // Of a description: its kind in LightDescription; whether it has a size; and how its slots move
-  // its place or unit direction, in the coordinates of the object.
+  // What is known of a description: its kind in LightDescription; whether it has a size; and how
+  // its slots move its place or unit direction, in the coordinates of the object.
   struct Described {
     size_t kind;
     bool has_size;
@@ -67,10 +67,10 @@ class Lights {
   };
   const Described& described(size_t number) const { return described_[number]; }
 
-  // As many as there are descriptions, those that do not shine too.
+  // The number of descriptions, those that do not shine too.
   size_t count() const { return described_.size(); }
 
-  // Those that shine, and lamps that hide what does, each drawn with its probability.
+  // Lights that shine, and lamps that hide what does, each drawn with its probability.
   struct Light {
     LightKind kind;
     float cumulative = 0;                     // of the probabilities, up to and including this one

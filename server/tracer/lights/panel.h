@@ -221,7 +221,7 @@ HWY_INLINE Vectors redraw(const PanelLight& light, Vectors from, Vectors d, Vect
   return normalize(to_place(light, there, place_of(there, numbers)));
 }
 
-// Of an edge along t that goes by m, each piece sweeps m.(d x t) by length, over the square of its
+// Each piece of an edge along t that goes by m sweeps m.(d x t) by length, over the square of its
 // distance.
 HWY_INLINE Outline outline(const PanelLight& light, Vectors from, Floats u, bool opposite) {
   const double length_u = length(light.half_u), length_v = length(light.half_v);

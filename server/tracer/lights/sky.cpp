@@ -14,7 +14,7 @@ size_t index(int column, int row) {
   return static_cast<size_t>(row) * kColumns + column % kColumns;
 }
 
-// Of diamond angle a in [0, 4] and s in [0, 1].
+// The direction of the diamond angle a in [0, 4] and of s in [0, 1].
 Vec3f direction(float a, float s) {
   const int side = std::min(static_cast<int>(a), 3);
   const float f = a - static_cast<float>(side);

@@ -97,8 +97,8 @@ class SkyLight {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// Where a direction is in the table: between the corners `here` and `beside` and those a row above,
-// at the fractions fx and fy; and what else is known of it.
+// The place of a direction in the table: between the corners `here` and `beside` and those a row
+// above, at the fractions fx and fy; and what else is known of it.
 struct SkyPlace {
   Ints here, beside;
   Floats fx, fy;
@@ -118,7 +118,7 @@ HWY_INLINE SkyPlace place_of(const SkyLight& sky, Vectors direction) {
                                      hn::IfThenElse(front, set(3.0F), set(2.0F)));
   const Floats below = hn::Sqrt(1 - hn::Clamp(d.y, zero, one));
   const Floats twice_below = hn::Max(below + below, set(1e-12F));
-  // Of both by one division, which is slow.
+  // One division, which is slow, serves for both.
   const Floats per_both = 1 / (sum * twice_below);
   const Floats per_sum = twice_below * per_both, per_below = sum * per_both;
   const Floats fraction = hn::Min(one, hn::IfThenElse(even, ax, az) * per_sum);
@@ -132,7 +132,7 @@ HWY_INLINE SkyPlace place_of(const SkyLight& sky, Vectors direction) {
   return {here, beside, x - column, y - row, column, row, fraction, per_below, d.y >= 0};
 }
 
-// Of the table of a channel, whose values lie so far apart.
+// The radiance by the table of a channel, whose values lie so far apart.
 HWY_INLINE Floats radiance_at(const SkyLight& sky, const SkyPlace& at, const float* values,
                               int stride = 1) {
   const float* const above = values + ptrdiff_t{stride} * SkyTable::kColumns;

@@ -135,7 +135,7 @@ HWY_INLINE Vectors redraw(const SphereLight& light, Vectors from, Vectors d, Vec
                  local.y * to_unit);
 }
 
-// Where lines touch it, it grows as fast as it goes along its normal there.
+// The lamp grows where lines touch it as fast as it goes along its normal there.
 HWY_INLINE Outline outline(const SphereLight& light, Vectors from, Floats u, bool opposite) {
   const Vectors to_center = set(static_cast<Vec3f>(light.center)) - from;
   const Cone cone = cone_of(light, to_center);

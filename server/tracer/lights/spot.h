@@ -19,7 +19,8 @@ struct SpotLight {
   double intensity = 1;  // W/sr, up to the inner angle; from there to the outer one it fades
   double inner_angle = 20 * kRadiansPerDegree, outer_angle = 25 * kRadiansPerDegree;
   double distance2 = 1;  // once it is compiled: see LampPlace
-  // Likewise: the cosine of the outer angle, and 1 over how much that of the inner one is above it.
+  // Once it is compiled: the cosine of the outer angle, and 1 over how much that of the inner one
+  // is above it.
   float outer_cosine = 0, per_cosine = 0;
 
   static constexpr const char* kName = "spot";
@@ -52,7 +53,7 @@ struct SpotLight {
   }
 
   static constexpr bool kDelta = true, kDistant = false;
-  // As if it were turned to the object.
+  // The power as if it were turned to the object.
   double power() const { return intensity * kSquareMmPerSquareM / distance2; }
 };
 

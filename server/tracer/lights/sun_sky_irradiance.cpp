@@ -43,7 +43,7 @@ double height_around(double sun_elevation, double psi) {
   return 2 * (a * phi + b * std::sin(phi));
 }
 
-// Of a disc of one radiance, which the horizon may cut.
+// The irradiance of a disc of one radiance, which the horizon may cut.
 double sun_irradiance_from_above(const SunSkyLight& light, Channel channel) {
   constexpr int kCircles = 64;
   const double radius = light.sun_angular_radius;

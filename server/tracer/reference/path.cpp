@@ -226,7 +226,7 @@ class Walk {
     if (!(dot(flat_normal, direction_) > 0)) multiply_weight(0);
   }
 
-  // Of a surface, on the side of its triangle's.
+  // The normal of a smooth surface, on the side of its triangle's.
   Vec3f smooth_normal(const Interaction& at, Vec3f flat_normal) const {
     const Surfaces& surfaces = scene_.obstacles.surfaces;
     if (!surfaces.smooth()) return flat_normal;
@@ -289,7 +289,7 @@ class Walk {
     Scores scores;  // d log value / d slot
   };
 
-  // Those of the object alone.
+  // The scores of the object's boundary alone.
   Scores boundary_scores(const HWY_NAMESPACE::Floats (&by_slot)[kMaxBoundarySlots]) const {
     Scores result{};
     for (size_t s = 0; of_object_ && s < kMaxBoundarySlots; ++s) {

@@ -57,9 +57,9 @@ struct RenderRequest {
   // derivative images, the gradient of the sum over the pixels of weight * radiance, a number for
   // each of `derivatives`. Empty: images.
   std::vector<float> gradient_weights = {};
-  // And its gradient in the pixels of this light, a panorama. Not by the reference.
+  // Asks for its gradient in the pixels of this light, a panorama. Not by the reference.
   std::optional<uint32_t> gradient_light = {};
-  // And its gradient in the unit normals of the object's boundary, by triangle, corner and
+  // Asks for its gradient in the unit normals of the object's boundary, by triangle, corner and
   // coordinate: in its own coordinates, what is along the normal left out. Of a boundary that is
   // rough, under lights that have a size; not together with a derivative in its index, nor by the
   // reference.
@@ -72,9 +72,9 @@ struct RenderRequest {
   // path of albedo a has weight a^n, it has weight b^n for b. At most kMaxAlbedos; not by the
   // reference.
   std::vector<double> albedos = {};
-  // Of a scene whose film shows kRgb, and of no other, the medium in red, green and blue: sigma_t
-  // at least, albedo at most that of the material, and its g. The images of the colours, and each
-  // of the derivatives in them, are estimated from the same paths; `radiance` is their luminance.
+  // The medium in red, green and blue, for a scene whose film shows kRgb, and no other: sigma_t at
+  // least, albedo at most that of the material, and its g. The images of the colours, and each of
+  // the derivatives in them, are estimated from the same paths; `radiance` is their luminance.
   // There are no derivatives in lights and reflectances then (shares_paths), no albedos, no
   // gradient and no pilot; not by the reference.
   std::vector<Material> colours = {};

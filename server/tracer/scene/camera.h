@@ -38,7 +38,7 @@ class Camera {
  private:
   // How much farther from the axis what is seen at a distance lies, both in focal lengths.
   double undistorted(double seen_at) const;
-  // Where what lies at a distance r is seen, over r; and the slope of that distance in r,
+  // The distance at which what lies at r is seen, over r; and the slope of that distance in r,
   // above 0 as long as no two are seen at one.
   double factor(double r) const { return 1 + r * r * (k_1_ + k_2_ * r * r); }
   double slope(double r) const { return 1 + r * r * (3 * k_1_ + 5 * k_2_ * r * r); }

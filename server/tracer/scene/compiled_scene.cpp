@@ -126,7 +126,7 @@ size_t medium_around(const SceneDescription& scene, Vec3d p) {
   return 0;
 }
 
-// Of what lines meet. Unlike any other if it is not said what that depends on.
+// The key of what lines meet. It is unlike any other if it is not said what that depends on.
 std::string geometry_key(const SceneDescription& scene, bool has_surfaces) {
   static std::atomic<uint64_t> others = 0;
   if (scene.object_key.empty() || (scene.surfaces_digest.empty() && has_surfaces)) {
@@ -136,7 +136,7 @@ std::string geometry_key(const SceneDescription& scene, bool has_surfaces) {
          scene.surfaces_digest;
 }
 
-// Of the lamps that lines meet.
+// The key of the lamps that lines meet.
 std::string lamps_key(const Lights& lights) {
   std::string key;
   for (const Lights::Light& light : lights.all()) {

@@ -19,9 +19,9 @@ namespace itn::tracer {
 
 struct ObjectPixels;
 
-// Where a camera's ray is followed from: the depth at which the box of the object begins, so that
-// its entry is as precise as the object's coordinates, or the camera where the ray misses the box's
-// image or meets a surface before.
+// The point from which a camera's ray is followed: the depth at which the box of the object begins,
+// so that its entry is as precise as the object's coordinates, or the camera where the ray misses
+// the box's image or meets a surface before.
 struct CameraRay {
   Vec3f origin, direction;
 };
@@ -35,19 +35,19 @@ struct Scene::Compiled {
   // Through film position (x, y), in pixels.
   CameraRay camera_ray(double x, double y) const;
 
-  // Of a medium: see camera_medium.
+  // The boundary of a medium: see camera_medium.
   const Boundary& boundary_of(size_t medium) const {
     return medium == 0 ? boundary : other_media[medium - 1].boundary;
   }
 
-  // Of a crossing: the number of the medium that the triangle bounds.
+  // The number of the medium that a triangle bounds.
   size_t medium_at(uint32_t triangle) const {
     size_t medium = 0;
     while (medium < other_media.size() && triangle >= other_media[medium].first_triangle) ++medium;
     return medium;
   }
 
-  // Those of the object alone come first in its mesh.
+  // The number of triangles of the object alone, which come first in its mesh.
   size_t object_triangles() const {
     return other_media.empty() ? object->mesh.triangles.size() : other_media[0].first_triangle;
   }
@@ -65,14 +65,14 @@ struct Scene::Compiled {
 
   std::shared_ptr<const Object> object;  // with the other objects behind it in the mesh
   Boundary boundary;
-  // Of the other objects; their triangles are those from `first_triangle` on.
+  // The medium of another object; its triangles are those from `first_triangle` on.
   struct OtherMedium {
     uint32_t first_triangle;
     Material material;
     Boundary boundary;
   };
   std::vector<OtherMedium> other_media;
-  // Those of all surfaces, by colour; empty unless the film shows kRgb.
+  // Reflectances of all surfaces, by colour; empty unless the film shows kRgb.
   std::vector<std::vector<Reflectance>> colour_reflectances;
   std::vector<DiffuseSurface> surfaces;
   std::vector<std::string> part_keys;  // of all parts that the scene holds, or will

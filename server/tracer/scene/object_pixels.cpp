@@ -14,8 +14,8 @@ namespace itn::tracer {
 namespace {
 
 constexpr int kMaskRays = ObjectPixels::kMaskRays, kRaysPerPixel = kMaskRays * kMaskRays;
-// Of the rays of a pixel, the one that is tried first: it meets the object in most pixels that do,
-// and spares them the others.
+// The ray of a pixel that is tried first: it meets the object in most pixels that do, and spares
+// them the others.
 constexpr int kFirstRay = 5;
 
 // The pixels that the image of the object's box touches, as a rectangle of the film.

@@ -24,7 +24,7 @@ std::string name_of_object(size_t number) {
   return number == 0 ? "object" : fmt::format("other_objects[{}]", number - 1);
 }
 
-// Where all boundaries are of one kind, all paths are.
+// All paths are of one kind, so all boundaries have to be.
 void check_other(const std::string& name, const SceneDescription& scene, const OtherObject& other) {
   itn::validate(other.material, name + ".material");
   check_fields(name + ".", other.boundary);
@@ -228,7 +228,7 @@ size_t estimated_memory(const SceneDescription& description) {
     constexpr size_t kCopies = 3;  // of the compiled scene, of both tracers
     sum += kCopies * size_of(surface.mesh) +
            (Surfaces::kBytesByTriangle + 2 * kByTriangleInEmbree) * surface.mesh.triangles.size();
-    // Of all channels, and again one by one: more than what is compiled.
+    // All channels are counted, and again one by one: more than what is compiled.
     sum += 2 * memory_of(surface.reflectance);
   }
   for (const LightDescription& light : description.lights) {

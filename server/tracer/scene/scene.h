@@ -39,7 +39,8 @@ struct CameraDescription {
   Vec3d target;
   Vec3d up{0, 1, 0};
   double fov = 0.698;  // horizontal, of an image whose middle is the principal point
-  // Where the view axis meets the image, in parts of its width and height from the left and top.
+  // The point where the view axis meets the image, in parts of its width and height from the left
+  // and top.
   double principal_x = 0.5, principal_y = 0.5;
   // Radial distortion: what lies at a distance r from the principal point, in focal lengths, is
   // seen at r (1 + k_1 r^2 + k_2 r^4).

@@ -14,8 +14,8 @@ struct ParameterValue {
 // parameter of the medium, which is part of a request.
 ParameterValue value_of(const SceneDescription& scene, const Parameter& parameter);
 
-// As a scene file with that number has it: rounded to float. A light's scale multiplies what it
-// sends out. Throws, too, where the value is out of its range.
+// Sets a value as a scene file with that number has it: rounded to float. A light's scale
+// multiplies what it sends out. Throws, too, where the value is out of its range.
 void set_value(const Parameter& parameter, double value, SceneDescription& scene);
 
 }  // namespace itn::tracer

@@ -19,7 +19,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 // A set of at most 64 slots or lines, a bit each.
 using Bits = uint64_t;
 
-// Of the set, those in the vector that begins with number v; and the other way round.
+// The members of a set that are in the vector that begins with number v; and the other way round.
 HWY_INLINE Mask mask_of(Bits bits, size_t v) {
   bits >>= v;
   const uint8_t bytes[8] = {static_cast<uint8_t>(bits), static_cast<uint8_t>(bits >> 8)};

@@ -240,7 +240,8 @@ HWY_INLINE Floats dot(Vectors a, Vectors b) {
 HWY_INLINE Vectors cross(Vectors a, Vectors b) {
   return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
-// Of vectors whose length is 1 but for rounding: a step of Newton's method for 1 / length.
+// Brings vectors whose length is 1 but for rounding to that length: a step of Newton's method for 1
+// / length.
 HWY_INLINE Vectors renormalize(Vectors a) {
   return a * mul_add(set(-0.5F), dot(a, a), set(1.5F));
 }

@@ -42,8 +42,8 @@ HWY_INLINE Mask may_be_inside(const Obstacles& obstacles, Vectors p, Uints word)
          within(p.z, box.min.z, box.max.z);
 }
 
-// Of the rays i, i + 1 ... that are asked for and start inside: those that end in the medium
-// without leaving their first cell or cube.
+// Finds the rays among i, i + 1 ... that are asked for, start inside and end in the medium without
+// leaving their first cell or cube.
 inline Mask end_in_first_cell(const Obstacles& obstacles, Rays& rays, Report report, size_t i,
                               Mask asked) {
   const FloatTag d;

@@ -172,7 +172,7 @@ class LineFollower {
     stepping_ = stepping;
   }
 
-  // Where lines from the boundary have met a part that touches theirs: rule 4 of
+  // Whether lines from the boundary have met a part that touches theirs: rule 4 of
   // geometry/line_geometry.h.
   HWY_INLINE Mask meets_other_part(Mask crossed, size_t v) const {
     const Floats first = load(lines_.first, v);
@@ -246,9 +246,9 @@ class LineFollower {
     }
   }
 
-  // Where lines have crossed the boundary. The point is that of the barycentric coordinates: it is
-  // as near to the boundary as it can be, however far the line has come. The normal is that of the
-  // corners which are tested.
+  // Finds the point and the normal where lines have crossed the boundary. The point is that of the
+  // barycentric coordinates: it is as near to the boundary as it can be, however far the line has
+  // come. The normal is that of the corners which are tested.
   void locate(Mask crossed, size_t v) {
     for (LineBits bits = bits_of(crossed, v); bits != 0; bits &= bits - 1) {
       const int line = std::countr_zero(bits);

@@ -154,7 +154,7 @@ HWY_INLINE Mask enter_grid(const Grid& grid, Lines& lines, Mask where, size_t v,
   return where & (near <= far);
 }
 
-// Of the lines that are stepping, reads the words of their cells; returns those that have triangles
+// Reads the words of the cells of lines that are stepping; returns those lines that have triangles
 // to test there.
 HWY_INLINE Mask read_cells(const Grid& grid, Lines& lines, Mask stepping, size_t v) {
   const Vectors cell = lines.cell.load(v);
@@ -163,7 +163,7 @@ HWY_INLINE Mask read_cells(const Grid& grid, Lines& lines, Mask stepping, size_t
   store(skip, lines.skip, v);
   const Mask occupied = stepping & not_zero(word & set(Grid::kOccupied));
   if (hn::AllFalse(FloatTag(), occupied)) return occupied;
-  // Where the lines leave the cell, or end.
+  // Find where the lines leave the cell, or end.
   const Vectors x0 = lines.cells_origin.load(v), dx = lines.cells_direction.load(v);
   const Vectors mm = lines.mm_per_cell.load(v);
   const auto leave = [&](Floats c, Floats from, Floats rate, Floats scale) {

@@ -67,7 +67,7 @@ struct PerLineVectors {
 struct Lines {
   PerLine<uint32_t> ray{};  // that the line follows
 
-  // Of the line.
+  // The origin and the direction of the line.
   PerLineVectors origin{}, direction{};
   PerLineVectors cells_origin{};     // in cells from the grid's corner
   PerLineVectors cells_direction{};  // in cells per mm
@@ -85,7 +85,7 @@ struct Lines {
   PerLine<float> surface_t{};
   PerLine<uint32_t> surface{}, surface_unknown{}, excluded{};
 
-  // Of its query: the part of the line that is looked at, that within the grid, the nearest
+  // What is asked of it: the part of the line that is looked at, that within the grid, the nearest
   // crossing, and which kind counts: 1 exits, -1 entries.
   PerLine<float> t_min{}, end{}, grid_end{}, hit{}, side{};
   // The cell that it is in, where it entered that, its word, and the edge of the empty cube ahead.
@@ -94,7 +94,7 @@ struct Lines {
   PerLine<uint32_t> word{};
 };
 
-// Of interactions (Rays): whether they are inside the medium.
+// Whether interactions (Rays) are inside the medium.
 HWY_INLINE Mask is_inside(Uints interaction) {
   return not_zero(interaction & set(Rays::kInside));
 }
@@ -112,11 +112,11 @@ struct StopAtBoundary {
 
   // What lines under way know in addition.
   struct LineCrossings {
-    // Of the nearest hit: the triangle, as its block * kSize + place in it; the number of the cell;
+    // The nearest hit: the triangle, as its block * kSize + place in it; the number of the cell;
     // and the barycentric coordinates times a common factor.
     PerLine<uint32_t> hit{}, cell{};
     PerLineVectors sides{};
-    // Of the crossing that a line ends in.
+    // The crossing that a line ends in.
     PerLine<uint32_t> triangle{};
     PerLineVectors point{}, normal{}, smooth_normal{};
     PerLineVectors start_normal{};  // Rays::normal

@@ -22,7 +22,7 @@ HWY_INLINE Uints surface_of(Uints interaction) {
   return hn::ShiftRight<Rays::kSurfaceBit>(interaction) - set(uint32_t{1});
 }
 
-// As long as any line, but not infinite: it may be multiplied by 0.
+// A length above that of any line, but not infinite: it may be multiplied by 0.
 constexpr float kFar = 1e30F;
 
 // Whether lines of this length may meet the box of the surfaces.

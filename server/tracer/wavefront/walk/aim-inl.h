@@ -1,5 +1,5 @@
-// Where to aim from a place inside a smooth boundary, so that it refracts what goes there to a
-// light.
+// Finds where to aim from a place inside a smooth boundary, so that it refracts what goes there to
+// a light.
 #if defined(ITN_TRACER_WAVEFRONT_WALK_AIM_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef ITN_TRACER_WAVEFRONT_WALK_AIM_INL_H_
 #undef ITN_TRACER_WAVEFRONT_WALK_AIM_INL_H_
@@ -17,7 +17,7 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// Of densities; more is none.
+// The largest density; more is none.
 constexpr float kMostDensity = 1e30F;
 
 // A smooth plane between the media.
@@ -110,8 +110,8 @@ HWY_INLINE Floats inner_by_straight(const Plane& plane, const LampMiddle& middle
          (area * straight_by_area(middle, to_point, outer));
 }
 
-// As aim_at, from a place so deep below the plane to a point; the density is over that of the
-// straight direction.
+// Aims as aim_at does, from a place so deep below the plane to a point; the density is over that of
+// the straight direction.
 HWY_INLINE Aim aim_at_point(const Plane& plane, const LampMiddle& middle, Floats depth,
                             Vectors to_point) {
   const Floats one = set(1.0F);
@@ -215,7 +215,7 @@ HWY_INLINE Sides sides_of(const CurvedFacet& facet) {
   return {a, cross(facet.normal, a)};
 }
 
-// As inner_by_outer, or to a lamp as inner_by_straight, where Snell's law holds.
+// The factor inner_by_outer, or to a lamp inner_by_straight, where Snell's law holds.
 HWY_INLINE Floats inner_by_drawn(const CurvedFacet& facet, const Bend& bend, Floats index,
                                  const Target& target, Floats far) {
   const Sides sides = sides_of(facet);
@@ -236,7 +236,7 @@ HWY_INLINE Floats inner_by_drawn(const CurvedFacet& facet, const Bend& bend, Flo
   return hn::Abs(density) * inner_by_place;
 }
 
-// Where a facet refracts what goes there to a target.
+// A place where a facet refracts what goes there to a target.
 struct Place {
   Vectors to;  // from x
   Mask possible;
@@ -294,7 +294,7 @@ HWY_INLINE FlatFacet flat_facet(const Facets& facets, Ints facet, Floats index, 
           {normal, index},
           dot(to_corner, normal)};
 }
-// As aim_at and aim_at_point.
+// Aims as aim_at and aim_at_point do.
 HWY_INLINE Aim aim_at_flat(const FlatFacet& facet, const Target& target) {
   const Aim aim = aim_at(facet.plane, target.place);
   const Mask is_point = target.is_point;

@@ -35,8 +35,8 @@ struct LightParts {
   Floats of[kMaxDerivatives];
 };
 
-// Those of light from `source` (Lights::Light), or from far away in these directions. Inlined, it
-// slows down who asks for none.
+// Finds the parts of light from `source` (Lights::Light), or from far away in these directions.
+// Inlined, it slows down who asks for none.
 HWY_NOINLINE inline void find_parts(const Wavefront& wave, Vectors direction, Uints source,
                                     LightParts& parts) {
   const Lights& lights = wave.scene.lights;

@@ -99,7 +99,7 @@ HWY_INLINE Uints medium_at(const Media& media, Uints triangles) {
   return medium;
 }
 
-// Where the medium is the object's: these lanes; these numbers, else 0.
+// The lanes whose medium is the object's; their numbers, else 0.
 HWY_INLINE Mask in_object(const Media& media, Uints medium, Mask where) {
   return media.several ? where & equals(medium, 0) : where;
 }

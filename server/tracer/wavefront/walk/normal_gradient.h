@@ -24,7 +24,7 @@ struct NormalScore {
   Vec3f place, score;
 };
 
-// Where a path has crossed the boundary or was reflected there.
+// A point where a path has crossed the boundary or was reflected there.
 struct BoundaryTurn {
   NormalScore normal;
   bool edge;           // whether an edge was followed (BoundaryEdge): nothing counts behind it but

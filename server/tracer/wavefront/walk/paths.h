@@ -23,7 +23,7 @@ template <int kStart = 0>
 using FloatState = StateColumn<float, kStart>;
 template <int kStart = 0>
 using UintState = StateColumn<uint32_t, kStart>;
-// As many such columns as a request needs.
+// Columns, as many as a request needs.
 template <int kStart = 0>
 struct alignas(64) FloatStates : std::vector<FloatState<kStart>> {};
 struct alignas(64) UintStates : std::vector<UintState<>> {};
@@ -46,7 +46,7 @@ struct PathState {
   UintState<> crossings{};
   FloatState<> pdf{};   // per steradian, of the last direction
   UintStates medium{};  // where there are several: see Wavefront::medium
-  // Where shadow rays are refracted (refracted_rays-inl.h): x, y and z of the last scattering;
+  // What refracted shadow rays need (refracted_rays-inl.h): x, y and z of the last scattering;
   // `pdf` if that was the last vertex, or 0; and the odds for light ahead if that was a crossing,
   // or 0.
   FloatStates<> scattered_at{}, scattered_pdf{}, odds{};
@@ -94,7 +94,7 @@ struct PathState {
                     edge_radiance, colour_weight, colour_dweight, colour_edge, likelihood,
                     colour_score, colours, d_colours, flight_sigma_t);
   }
-  // Those that a factor of the path's weight multiplies.
+  // Columns that a factor of the path's weight multiplies.
   auto weights() {
     return std::tie(weight, dweight_dalbedo, weight_at_albedos, dweight_dreflectance, edge_weight,
                     colour_weight, colour_dweight, colour_edge);
@@ -161,13 +161,13 @@ struct ShadowRays {
   UintColumn source{};                    // of `light`, if parts of it count: see LightParts
   std::vector<FloatColumn> per_radiance;  // `light` by radiance, for a gradient in a panorama
   FloatColumn length_before{};            // in the medium, of those that come through the boundary
-  // Of those that come from the boundary, for a gradient in normals: see NormalScore.
+  // Scores of rays that come from the boundary, for a gradient in normals: see NormalScore.
   VectorColumn normal_score;
   UintColumn triangle{};
   size_t count = 0;
 };
 
-// Those that are sent to the outlines of lights (outline_rays-inl.h).
+// Rays that are sent to the outlines of lights (outline_rays-inl.h).
 struct OutlineRays {
   Rays rays;
   UintColumn slot{};               // of the path
@@ -186,12 +186,12 @@ struct RefractedRays {
   VectorColumn to_light;
   FloatColumn radiance{}, light_pdf{};
   FloatColumn choice{}, u0{}, u1{};
-  // Of the path, with that of the direction, unless it is a search for a facet.
+  // Scores of the path, with that of the direction, unless it is a search for a facet.
   std::vector<FloatColumn> score_slots;
   UintColumn source{};  // of the light, as of ShadowRays
-  // Of searches for a facet: where they begin, in which direction the path came there, the lamp
-  // that they are sent to (lamp_drawn), and how far the ray may go that is aimed at what they find,
-  // in mm. Of rays that are aimed again: the facet that they are aimed at.
+  // Columns of searches for a facet: where they begin, in which direction the path came there, the
+  // lamp that they are sent to (lamp_drawn), and how far the ray may go that is aimed at what they
+  // find, in mm. Of rays that are aimed again: the facet that they are aimed at.
   VectorColumn origin, before;
   UintColumn lamp{}, facet{};
   FloatColumn limit{};
@@ -203,7 +203,8 @@ struct OddsRays {
   Rays rays;
   UintColumn slot{};   // of the path
   FloatColumn odds{};  // if one would have
-  // As of RefractedRays; `facet` is that where it left the medium, and `left` where.
+  // Columns like those of RefractedRays; `facet` is that where it left the medium, and `left`
+  // where.
   VectorColumn origin, to_light, left;
   UintColumn lamp{}, facet{};
   // Or, where the boundary is nearly smooth, the direction in which that was left, and the shadow
@@ -218,11 +219,11 @@ class PathRecorder {
   // `paths` has the columns that the request needs.
   PathRecorder(const RenderRequest& request, const Paths& paths, FilmWriter& film);
 
-  // Of the path in a slot.
+  // Records the path in a slot.
   void record(size_t slot);
 
  private:
-  // Where a derivative is collected, and its control variate, if it has one.
+  // The column where a derivative is collected, and its control variate, if it has one.
   struct DerivativeColumns {
     const FloatColumn* collected;
     const FloatColumn* control_variate = nullptr;

@@ -57,7 +57,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 //
 // After Hanika, Droske, Fascione, "Manifold next event estimation", EGSR 2015, who look for y.
 
-// As the boundary is where it is nearest to points of the medium.
+// The normal of the boundary where it is nearest to points of the medium.
 HWY_INLINE Vectors normal_near(const Wavefront& wave, Vectors x) {
   const Obstacles& obstacles = wave.scene.obstacles;
   return cell_normal(obstacles.cell_normals, cells_at(obstacles.depth_grid.cells, x));
@@ -65,7 +65,7 @@ HWY_INLINE Vectors normal_near(const Wavefront& wave, Vectors x) {
 HWY_INLINE Floats index_of(const Media& media, Uints medium) {
   return by_medium(media, medium, [](const Medium& of) { return set(of.refraction.index); });
 }
-// Where it is nearest to what lies as far ahead as it is deep there.
+// The plane of the boundary where it is nearest to what lies as far ahead as it is deep there.
 HWY_INLINE Plane plane_ahead(const Wavefront& wave, Uints medium, Vectors x, Vectors direction) {
   const DepthGrid& depth_grid = wave.scene.obstacles.depth_grid;
   const Floats depth = quantized_depth(depth_grid, cells_at(depth_grid.cells, x));
@@ -73,7 +73,7 @@ HWY_INLINE Plane plane_ahead(const Wavefront& wave, Uints medium, Vectors x, Vec
   return {normal_near(wave, x + direction * (depth * third)), index_of(wave.media, medium)};
 }
 
-// Where a ray from x for light in a direction `outer` is sent first.
+// The aim of the first ray from x for light in a direction `outer`.
 HWY_INLINE Aim first_aim(const Wavefront& wave, Uints medium, Vectors x, Vectors outer) {
   return aim_at(wave.boundary_is_delta ? Plane{normal_near(wave, x), index_of(wave.media, medium)}
                                        : plane_ahead(wave, medium, x, outer),
@@ -133,12 +133,12 @@ HWY_INLINE Vectors scattered_at(const Paths& paths, size_t i) {
   return {load(at[0], i), load(at[1], i), load(at[2], i)};
 }
 
-// Of light that goes so far in a medium.
+// The part of light that arrives when it goes so far in a medium.
 HWY_INLINE Floats part_arriving(const Wavefront& wave, Uints medium, Floats length) {
   return exp(-(length * sigma_t_of(wave.media, medium)));
 }
 
-// Of the lobe around a direction.
+// The density of the lobe around a direction.
 HWY_INLINE Floats lobe_pdf(const Wavefront& wave, Uints medium, Vectors axis, Vectors direction) {
   const Vectors off = direction - axis;
   return by_medium(wave.media, medium,
@@ -172,8 +172,8 @@ HWY_INLINE Floats least_depth(const Wavefront& wave, Vectors x) {
   return mul_add(thirds, set(edge / (3 * kLongestStep)), set(-kMiddles * edge));
 }
 
-// Where paths in slots i, i + 1 ... are at a rough boundary: one over the density with which the
-// walk went there from where it scattered, or 0.
+// One over the density with which the walk went from where it scattered to a rough boundary, for
+// paths in slots i, i + 1 ...; 0 for others.
 HWY_INLINE Floats per_arrival(const Wavefront& wave, size_t i, Uints medium) {
   const Floats zero = hn::Zero(FloatTag()), walk_pdf = load(wave.paths.scattered_pdf[0], i);
   const Mask scattered = walk_pdf > 0;
@@ -191,8 +191,8 @@ HWY_INLINE Floats refraction_odds(const Wavefront& wave, size_t i, Uints medium,
   return hn::IfThenElseZero(aim.possible, per * pdf);
 }
 
-// Where they leave the medium through a smooth one: sends rays to find out whether a refracted one
-// would have gone there (check_odds), and then, with which odds.
+// Sends rays from paths that leave the medium through a smooth boundary to find out whether a
+// refracted one would have gone there (check_odds), and then, with which odds.
 inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, const Crossing& at) {
   Paths& paths = wave.paths;
   OddsRays& sent = wave.odds_rays;
@@ -256,7 +256,7 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, con
   sent.count += hn::CountTrue(d, asked);
 }
 
-// Where they are at a nearly smooth one: sends rays to find out how a refracted one would have gone
+// Sends rays from paths at a nearly smooth boundary to find out how a refracted one would have gone
 // there for a target (check_odds). `per` is what the odds are multiplied by, and `shadow_ray` the
 // shadow ray that they are of.
 inline void send_lobe_odds(Wavefront& wave, OddsRays& sent, size_t i, Mask where, Uints medium,
@@ -502,7 +502,7 @@ HWY_INLINE void for_each_facet(const Wavefront& wave, const SentRays& sent, size
   }
 }
 
-// Of these facets, those that refract the light to where the rays begin: how many, and one of them,
+// The facets that refract the light to where the rays begin: how many there are, and one of them,
 // which u chooses, and where on it.
 struct FacetChoice {
   Floats count;
@@ -544,8 +544,8 @@ HWY_INLINE FacetChoice choose_facet(const Wavefront& wave, const SentRays& sent,
   return choice;
 }
 
-// Of these facets again, behind which the boundary is rough: how many, and the sum of the densities
-// at `direction` of the lobes around where they aim.
+// The facets again, behind which the boundary is rough: how many there are, and the sum of the
+// densities at `direction` of the lobes around where they aim.
 struct LobeSum {
   Floats count, pdf;
 };

@@ -75,7 +75,7 @@ HWY_INLINE Floats remaining_light(const Wavefront& wave, const WalkRoulette& rou
   return exp(hn::Max(exponent, set(kMinExponent)));
 }
 
-// As path tracers usually play it.
+// The survival that path tracers usually play by.
 inline Floats throughput_survival(const Paths& paths, size_t i) {
   const Mask begun =
       hn::RebindMask(FloatTag(), hn::BitCast(IntTag(), load(paths.vertex, i)) >

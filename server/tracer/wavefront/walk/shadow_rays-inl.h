@@ -17,7 +17,7 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// Where paths that are sent on have arrived.
+// The vertices where paths that are sent on have arrived.
 struct Vertices {
   Mask in_medium, on_surface, at_boundary;  // scatterings, diffuse reflections, crossings
   Uints medium;                             // that is, or the boundary is of
@@ -31,7 +31,7 @@ struct Vertices {
   Mask where() const { return in_medium | on_surface | at_boundary; }
 };
 
-// Those from which shadow rays are sent that do not end at the boundary of the medium.
+// The paths from which shadow rays are sent that do not end at the boundary of the medium.
 HWY_INLINE Mask sending(const Wavefront& wave, size_t i, const Vertices& vertices) {
   if (!wave.stops_at_boundary) return vertices.where();
   const Mask inside = is_inside(load(wave.paths.rays.interaction, i));

@@ -119,8 +119,8 @@ struct Wavefront {
     }
   }
 
-  // Of paths in slots i, i + 1 ..., and in any slots: the medium that they are in, or whose
-  // boundary they met last.
+  // The medium that paths in slots i, i + 1 ..., or in any slots, are in, or whose boundary they
+  // met last.
   HWY_INLINE Uints medium(size_t i) const {
     return media.several ? load(paths.medium[0], i) : hn::Zero(UintTag());
   }
@@ -129,7 +129,7 @@ struct Wavefront {
     return gather(paths.medium[0], slots);
   }
 
-  // Of the lights, over all directions.
+  // The mean radiance of the lights over all directions.
   float mean_radiance() const {
     return static_cast<float>(scene.lights.power() / (4 * std::numbers::pi));
   }
@@ -177,7 +177,7 @@ struct Wavefront {
       rays.rays.bounded = scene.lights.has_near();
     }
   }
-  // Of RenderRequest::colours.
+  // The medium of one of RenderRequest::colours.
   struct Colour {
     float sigma_t, albedo;
   };
@@ -203,8 +203,8 @@ struct Wavefront {
   Crossings* at_boundary() { return stops_at_boundary ? &crossings : nullptr; }
 };
 
-// Of a ray that carries this importance without the medium's dimming: the optical depth through
-// which it survives its roulette (send_shadow_rays), by a uniform number in (0, 1]; else 0 or less.
+// The optical depth through which a ray that carries this importance without the medium's dimming
+// survives its roulette (send_shadow_rays), by a uniform number in (0, 1]; else 0 or less.
 HWY_INLINE Floats depth_limit(const Wavefront& wave, Floats importance, Floats u) {
   const Floats limit = set(kMaxOpticalDepth);
   if (wave.shadow_ray_threshold <= 0) return limit;
@@ -277,7 +277,7 @@ HWY_INLINE Uints slots_from(size_t i) {
 // Some slots, of which few may be neighbours: what is done for them is done for full lanes.
 class SlotList {
  public:
-  // Those of i, i + 1 ... at which `where` is.
+  // Adds those of i, i + 1 ... at which `where` is set.
   HWY_INLINE void add(size_t i, Mask where) {
     Append{where, count_}(slots_from(i), numbers_);
     count_ += hn::CountTrue(FloatTag(), where);
