@@ -10,7 +10,7 @@ namespace itn {
 
 inline constexpr double kRadiansPerDegree = std::numbers::pi / 180;
 
-// Of unit length; an azimuth of 0 is -z, 90 is +x; elevation is over the horizon, +y.
+// A direction of unit length; an azimuth of 0 is -z, 90 is +x; elevation is over the horizon, +y.
 inline Vec3d direction_at(double azimuth_degrees, double elevation_degrees) {
   const double azimuth = azimuth_degrees * kRadiansPerDegree;
   const double elevation = elevation_degrees * kRadiansPerDegree;

@@ -10,7 +10,7 @@
 namespace itn {
 
 namespace {
-// As it was written: a float that became a double is 1.05, not 1.0499999523162842.
+// A number as it was written: a float that became a double is 1.05, not 1.0499999523162842.
 std::string spelling(double value) {
   const auto single = static_cast<float>(value);
   return double{single} == value ? fmt::format("{}", single) : fmt::format("{}", value);

@@ -138,7 +138,7 @@ std::vector<Slot> slots_of(const std::variant<Kinds...>* /*type*/) {
 }
 }  // namespace fields_internal
 
-// Those of all kinds, in the order of the list.
+// The slots of all kinds, in the order of the list.
 template <typename Variant>
 const std::vector<Slot>& slots_of() {
   static const std::vector<Slot> slots =
@@ -181,7 +181,7 @@ bool use_slot(Kinds& kinds, const Slot& slot, const Use& use) {
   return true;
 }
 
-// Of the kind that it is.
+// The number of slots of the kind that it is.
 template <typename Variant>
 size_t slot_count(const Variant& kind) {
   size_t count = 0;

@@ -15,7 +15,7 @@ namespace itn {
 
 namespace {
 
-// Of the message that this thread is logging.
+// Fields of the message that this thread is logging.
 thread_local std::span<const LogField> fields_of_message;
 
 // %& in a pattern: the fields, each after a comma.

@@ -30,7 +30,8 @@ struct LogField {
 void log_with_fields(spdlog::level::level_enum level, const std::string& message,
                      std::span<const LogField> fields);
 
-// As the inside of a JSON string (RFC 8259), in ASCII: bytes that are not are written as \u00NN.
+// Writes a text as the inside of a JSON string (RFC 8259), in ASCII: bytes that are not are written
+// as \u00NN.
 std::string json_escaped(std::string_view text);
 
 }  // namespace itn

@@ -23,7 +23,7 @@ struct MeasuredMedium {
   std::array<double, 3> g;                 // where it was measured
   double index;                            // of refraction
 
-  // Of a channel, 0 to 2. Beyond what is rendered, g is brought back.
+  // The material of a channel, 0 to 2. Beyond what is rendered, g is brought back.
   Material material(size_t channel) const;
 };
 

@@ -7,7 +7,7 @@
 namespace itn {
 namespace {
 
-// Of an entry beside its part: the key twice, the nodes of a list and of a table.
+// What an entry takes beside its part: the key twice, the nodes of a list and of a table.
 constexpr size_t kEntryOverhead = 256;
 
 bool is_cancelled(const std::exception_ptr& error) {

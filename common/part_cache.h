@@ -57,7 +57,7 @@ class PartCache {
     return std::static_pointer_cast<const T>(find_any(key));
   }
 
-  // As if these had been found.
+  // Makes these recent, as if they had been found.
   void touch(std::span<const std::string> keys);
 
   // Forgets what does not fit into the budget and is no longer in use. To be called when a part was
@@ -66,7 +66,7 @@ class PartCache {
 
   // Bytes, of all that is held.
   size_t memory() const;
-  // Of the parts of these keys, as far as they are held.
+  // The memory of the parts of these keys, as far as they are held.
   size_t memory(std::span<const std::string> keys) const;
   size_t budget() const { return budget_; }
 

@@ -47,7 +47,7 @@ inline std::vector<std::string> names_of_flags(const CLI::App& app) {
   return names;
 }
 
-// Of an argument "--flag=value", or one without a value.
+// The flag of an argument "--flag=value", or one without a value.
 inline std::string flag_of(const std::string& argument) {
   return argument.substr(0, argument.find('='));
 }

@@ -28,7 +28,7 @@ Error cannot_write(const fs::path& target, int error_number) {
   return cannot_write(target, std::error_code(error_number, std::generic_category()).message());
 }
 
-// Of the file that the path leads to; nothing if there is none.
+// The status of the file that the path leads to; nothing if there is none.
 std::optional<struct stat> status_of(const fs::path& path) {
   struct stat status {};
   if (::stat(path.c_str(), &status) != 0) return std::nullopt;
@@ -198,7 +198,7 @@ bool is_stdout(const fs::path& target) {
   if (target == "-") return true;
   struct stat out {};
   const auto status = status_of(target);
-  // Of devices, a terminal or /dev/null may be meant as such.
+  // A device, such as a terminal or /dev/null, may be meant as such.
   return status && (S_ISREG(status->st_mode) || S_ISFIFO(status->st_mode)) &&
          ::fstat(STDOUT_FILENO, &out) == 0 && out.st_dev == status->st_dev &&
          out.st_ino == status->st_ino;

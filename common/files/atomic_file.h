@@ -21,7 +21,7 @@ void write_file_atomically(const std::filesystem::path& target, std::string_view
 // changes nothing: to be called before the work whose result goes there.
 void check_writable(const std::filesystem::path& target);
 
-// Likewise, for a folder that files are going to be created in, and which need not exist yet.
+// Checks the same for a folder that files are going to be created in, and which need not exist yet.
 void check_folder_writable(const std::filesystem::path& folder);
 
 // For messages: "standard output" for "-".

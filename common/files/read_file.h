@@ -16,7 +16,7 @@ inline constexpr uint64_t kMaxMessageFileBytes = (uint64_t{1} << 31) - 1;
 std::string read_file(const std::filesystem::path& path, const std::string& what,
                       uint64_t max_bytes = kMaxMessageFileBytes);
 
-// Likewise; "-" is standard input, to its end.
+// The content of such a file, or of standard input to its end where the path is "-".
 std::string read_file_or_stdin(const std::filesystem::path& path, const std::string& what,
                                uint64_t max_bytes = kMaxMessageFileBytes);
 

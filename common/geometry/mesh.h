@@ -20,7 +20,7 @@ struct Bounds {
   Vec3f min, max;
 };
 
-// Of a mesh with at least one vertex.
+// The bounds of a mesh with at least one vertex.
 Bounds bounds(const Mesh& mesh);
 
 // In mm.

@@ -34,7 +34,8 @@ class Polygon {
   }
 
  private:
-  // Of a triangle as the normal sees it, but for a factor; positive if it is counter-clockwise.
+  // The area of a triangle as the normal sees it, but for a factor; positive if it is
+  // counter-clockwise.
   double area(uint32_t a, uint32_t b, uint32_t c) const {
     return dot(normal_, cross(points_[b] - points_[a], points_[c] - points_[a]));
   }

@@ -233,8 +233,8 @@ class Repair {
     }
   }
 
-  // Of all triangulations of the loop, the one of least area, by those of its parts; none that has
-  // an edge which the mesh has already.
+  // Fills the loop with the triangulation of least area, by those of its parts; none that has an
+  // edge which the mesh has already.
   void fill(const std::vector<uint32_t>& loop, const EdgeTriangles& edges) {
     const size_t n = loop.size();
     if (n < 3 || n > options_.max_hole_edges) return;

@@ -43,7 +43,8 @@ struct MeshRepair {
 MeshRepair repaired(const Mesh& mesh, const std::string& what,
                     const MeshRepairOptions& options = {});
 
-// As validate_closed(); the message ends with `how_to_repair`, e.g. the flag that asks for it.
+// Throws as validate_closed() does; the message ends with `how_to_repair`, e.g. the flag that asks
+// for it.
 void require_closed(const Mesh& mesh, const std::string& what, const std::string& how_to_repair);
 
 }  // namespace itn

@@ -37,8 +37,9 @@ class ObjReader {
   }
   int64_t vertex_count() const { return std::ssize(mesh_.vertices); }
 
-  // Of the next line up to a comment, and of those that a backslash at its end joins to it. One at
-  // the end of a comment, as of a path of Windows, joins nothing: a vertex would vanish.
+  // Reads the words of the next line up to a comment, and of those that a backslash at its end
+  // joins to it. One at the end of a comment, as of a path of Windows, joins nothing: a vertex
+  // would vanish.
   void read_words() {
     words_.clear();
     for (bool joined = true; joined && !rest_.empty();) {

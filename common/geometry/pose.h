@@ -1,4 +1,4 @@
-// Where an object stands: a rotation, then a translation.
+// The pose of an object: a rotation, then a translation.
 #pragma once
 
 #include "common/geometry/mesh.h"

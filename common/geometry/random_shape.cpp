@@ -28,7 +28,7 @@ constexpr size_t kTriangles = 4000;
 constexpr double kMinVolume = 0.004, kMinExtent = 0.05;
 // A cavity that is smaller, in parts of the solid, is an accident.
 constexpr double kMinCavity = 1e-3;
-// Of all triangles: a solid in pieces is not what was meant.
+// The least part of all triangles: a solid in pieces is not what was meant.
 constexpr double kMinShare = 0.6;
 
 double volume_of(const Mesh& mesh, const std::vector<uint32_t>& triangles) {

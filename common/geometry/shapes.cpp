@@ -144,7 +144,7 @@ Vec3d transported(Vec3d normal, Vec3d tangent) {
   return normalize(normal - tangent * dot(normal, tangent));
 }
 
-// Of a vector at right angles to the unit axis.
+// Turns a vector at right angles to the unit axis.
 Vec3d turned(Vec3d v, Vec3d axis, double angle) {
   return v * std::cos(angle) + cross(axis, v) * std::sin(angle);
 }
@@ -636,7 +636,7 @@ struct Builder {
   Mesh (*make)(Cancellation&);
 };
 
-// Of a shape that takes no time.
+// Makes a shape that takes no time.
 template <Mesh (*make)()>
 Mesh at_once(Cancellation& /*cancellation*/) {
   return make();

@@ -22,7 +22,7 @@ inline constexpr const char* kPaths = "itn.paths";
 inline constexpr const char* kSteps = "itn.steps";
 inline constexpr const char* kInvalidSamples = "itn.invalid_samples";
 inline constexpr const char* kLeaks = "itn.leaks";
-// Of datasets.
+// Attributes of datasets.
 inline constexpr const char* kShape = "itn.shape";
 inline constexpr const char* kSplit = "itn.split";
 inline constexpr const char* kSunAzimuth = "itn.sun_azimuth_degrees";
@@ -30,10 +30,10 @@ inline constexpr const char* kRelativeNoise = "itn.relative_noise";  // of Y, on
 inline constexpr const char* kItem = "itn.item";  // which item of the manifest, a digest
 inline constexpr const char* kContents =
     "itn.contents_sha256";  // of all else, see contents_digest()
-// Of OpenEXR files whose colours have other primaries than sRGB's, while they are read: x and y of
-// red, green, blue and white.
+// Attribute of OpenEXR files whose colours have other primaries than sRGB's, while they are read: x
+// and y of red, green, blue and white.
 inline constexpr const char* kChromaticities = "itn.chromaticities";
-// Of photographs that were merged.
+// Attributes of photographs that were merged.
 inline constexpr const char* kExposures = "itn.exposures";  // seconds, as text: 0.0125,0.05,0.2
 inline constexpr const char* kMergeMethod = "itn.merge_method";  // debevec
 inline constexpr const char* kResponse = "itn.response";         // estimate, srgb or linear

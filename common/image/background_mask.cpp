@@ -46,7 +46,7 @@ cv::Mat small_copy(const cv::Mat& photograph) {
   return copy;
 }
 
-// Of the values where the mask is not 0.
+// The median of the values where the mask is not 0.
 float median(const cv::Mat& values, const cv::Mat& mask) {
   std::vector<float> chosen;
   for (int y = 0; y < values.rows; ++y) {
@@ -59,7 +59,7 @@ float median(const cv::Mat& values, const cv::Mat& mask) {
   return *middle;
 }
 
-// Of radiance, and a little for black.
+// The logarithm of radiance, and a little for black.
 cv::Mat logarithm_of(const cv::Mat& light) {
   const double largest = cv::norm(light, cv::NORM_INF);
   if (!(largest > 0)) throw invalid_input("the photograph is black: there is no object in it");
@@ -134,8 +134,9 @@ cv::Mat distance(const cv::Mat& rest) {
   return sum;
 }
 
-// Where the photograph is darker than its background and has its colour, though what differs from
-// the background has another: shadows. Nowhere in a gray photograph, or of a gray object.
+// Shadows: where the photograph is darker than its background and has its colour, though what
+// differs from the background has another. There are none in a gray photograph, or of a gray
+// object.
 cv::Mat shadows(const cv::Mat& copy, const cv::Mat& border, const cv::Mat& differs) {
   constexpr double kColoured = 0.2, kLikeBackground = 0.4;  // of log ratios; of the object's
   cv::Mat none(copy.size(), CV_8U, cv::Scalar(0));
@@ -202,7 +203,7 @@ cv::Mat without_holes(const cv::Mat& mask) {
   return mask | ~outside;
 }
 
-// Of a second frame within the border, as wide, the part that is the object's.
+// The part of a second frame within the border, as wide, that is the object's.
 double part_along_border(const cv::Mat& mask) {
   const int width = border_width(mask.size());
   const cv::Mat inside = mask(cv::Rect(width, width, mask.cols - 2 * width, mask.rows - 2 * width));

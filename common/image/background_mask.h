@@ -1,4 +1,4 @@
-// Where the object is in a photograph of it before a plain background.
+// Finds where the object is in a photograph of it before a plain background.
 #pragma once
 
 #include <span>

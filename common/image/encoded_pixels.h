@@ -31,14 +31,14 @@ struct EncodedPixels {
 EncodedPixels decode_pixels(std::string_view bytes, const PhotographHeader& header,
                             const std::string& name);
 
-// Of these, PNG and HEIF: by libpng and libheif themselves. OpenImageIO lets libpng print what it
+// PNG and HEIF are decoded by libpng and libheif themselves. OpenImageIO lets libpng print what it
 // finds wrong, and reads beyond the end of what libheif has decoded of a damaged file.
 EncodedPixels decode_png_pixels(std::string_view bytes, const PhotographHeader& header,
                                 const std::string& name);
 EncodedPixels decode_heif_pixels(std::string_view bytes, const PhotographHeader& header,
                                  const std::string& name);
 
-// Of a file that is not what its header says.
+// The error of a file that is not what its header says.
 Error damaged(const std::string& name, const PhotographHeader& header, const std::string& reason);
 
 }  // namespace itn

@@ -152,7 +152,7 @@ void ExposureMerge::add(const PhotographFile& photograph, double exposure,
                     "colours, or none",
                     name, names.size(), names_.size()));
   }
-  // Where the values of a linear file end: integers at 1; others at the plateau that clipped pixels
+  // The value at which a linear file ends: integers at 1; others at the plateau that clipped pixels
   // make, or, without one, nowhere near.
   double top = 1;
   if (!photograph.encoded && photograph.clipped.empty()) {
@@ -205,7 +205,7 @@ void ExposureMerge::add_channel(size_t channel, const std::vector<float>& plane,
       const double bound = code > 0.5 ? light / exposure : -light / exposure;
       sums.bound[pixel] = std::max(sums.bound[pixel], static_cast<float>(bound));
     } else {
-      // Where both are far from the ends of what a file can hold.
+      // Both values are so far from the ends of what a file can hold.
       constexpr double kWell = 0.3;
       if (weight > kWell && sums.weight[pixel] > static_cast<float>(kWell)) {
         differences.push_back(std::log(light / exposure) -

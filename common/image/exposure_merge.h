@@ -26,7 +26,7 @@ struct ExposureSample {
   std::vector<unsigned char> codes;  // channels interleaved
 };
 
-// Of a photograph whose values are encoded, and which has R, G and B or one channel.
+// Samples a photograph whose values are encoded, and which has R, G and B or one channel.
 ExposureSample sample_exposure(const PhotographFile& photograph, double exposure,
                                const std::string& name);
 

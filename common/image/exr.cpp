@@ -134,7 +134,7 @@ uint32_t check_version(std::string_view bytes, const std::string& name) {
   return version;
 }
 
-// Of one pixel, in the file.
+// The bytes of one pixel, in the file.
 int64_t bytes_per_pixel(const Imf::Header& header, const std::string& name) {
   int64_t bytes = 0;
   for (auto it = header.channels().begin(); it != header.channels().end(); ++it) {

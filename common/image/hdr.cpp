@@ -82,8 +82,8 @@ void read_size(std::string_view line, Header& header, const std::string& name) {
   header.orientation = static_cast<int>(found - kOrientations.begin()) + 1;
 }
 
-// Those of Radiance, by default, and of sRGB, which hardly differ: x and y of red, green, blue,
-// white.
+// Primaries are those of Radiance, by default, or of sRGB, which hardly differ: x and y of red,
+// green, blue, white.
 void check_primaries(std::string_view line, const std::string& name) {
   constexpr std::array kRadiance{0.64, 0.33, 0.29, 0.6, 0.15, 0.06, 1.0 / 3, 1.0 / 3};
   constexpr std::array kSrgb{0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329};

@@ -46,7 +46,7 @@ constexpr uint64_t kMaxImageFileBytes = (uint64_t{1} << 32) + (uint64_t{1} << 24
 // a subsampled channel; more than 2^28 pixels or 2^30 values; NaN or infinite values, with channel
 // and pixel).
 Image read_exr(const std::filesystem::path& path);
-// Likewise of a file in memory; `name` is for messages.
+// Decodes such a file in memory; `name` is for messages.
 Image decode_exr(std::string_view bytes, const std::string& name);
 
 // A Radiance HDR file in memory: R, G and B, upright, of radiance before its exposure and
@@ -62,7 +62,7 @@ void write_exr(const std::filesystem::path& path, const Image& image);
 // first: the bytes of a PNG file.
 std::string encode_png(int width, int height, std::span<const unsigned char> rgb);
 
-// Likewise, written as write_exr() does.
+// Writes such bytes as write_exr() does its own.
 void write_png(const std::filesystem::path& path, int width, int height,
                std::span<const unsigned char> rgb);
 

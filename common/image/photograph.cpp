@@ -37,7 +37,7 @@ void require_values(const char* what, std::span<const float> values, const Photo
   }
 }
 
-// Of the pixels on the object.
+// The extent of the pixels on the object.
 struct Extent {
   int left, top, right, bottom;  // inclusive
 };

@@ -47,7 +47,7 @@ struct PhotographFile {
 // to fill.
 PhotographFile decode_photograph(std::string_view bytes, const std::string& name,
                                  std::optional<bool> is_linear = {});
-// Likewise; "-" is standard input. Throws Error of kIo, too, as read_file_or_stdin().
+// Decodes the photograph in a file; "-" is standard input. Throws Error of kIo, too, as read_file_or_stdin().
 PhotographFile read_photograph(const std::filesystem::path& path,
                                std::optional<bool> is_linear = {});
 
@@ -61,9 +61,10 @@ struct MaskFile {
   bool turned = false;        // as of PhotographFile
 };
 
-// Of an OpenEXR file mask_channel() (common/image/channels.h). Of the other formats, upright too:
-// alpha if it is not the same everywhere, or else the gray value; integers over the largest one,
-// as they are, without a curve. Throws as decode_photograph(), and kInvalidInput if it has colours.
+// The mask of an OpenEXR file is mask_channel() (common/image/channels.h). That of the other
+// formats, upright too, is alpha if it is not the same everywhere, or else the gray value; integers
+// over the largest one, as they are, without a curve. Throws as decode_photograph(), and
+// kInvalidInput if it has colours.
 MaskFile decode_mask(std::string_view bytes, const std::string& name);
 MaskFile read_mask(const std::filesystem::path& path);
 

@@ -28,10 +28,10 @@ struct PhotographHeader {
   int pages = 1;  // of a TIFF file, of which the first is read
 };
 
-// Of a PNG, JPEG, TIFF (its first image), WebP or HEIF file. Throws Error: kDataLoss
-// (damaged, cut short, claims more than it can hold), kInvalidInput (another kind of file, or a
-// kind of image of these formats that is not read; a side above 16384 pixels). `name` is for
-// messages.
+// Reads the header of a PNG, JPEG, TIFF (its first image), WebP or HEIF file. Throws Error:
+// kDataLoss (damaged, cut short, claims more than it can hold), kInvalidInput (another kind of
+// file, or a kind of image of these formats that is not read; a side above 16384 pixels). `name` is
+// for messages.
 PhotographHeader read_photograph_header(std::string_view bytes, const std::string& name);
 
 }  // namespace itn

@@ -12,7 +12,7 @@ float white_level(std::vector<float> values);
 // From [0, 1] to [0, 255]; beyond, the nearest end.
 unsigned char to_byte(float value);
 
-// Likewise, from linear to sRGB (IEC 61966-2-1).
+// The byte of a linear value in sRGB (IEC 61966-2-1).
 unsigned char to_srgb_byte(float linear);
 
 }  // namespace itn

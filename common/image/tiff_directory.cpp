@@ -18,7 +18,7 @@ uint32_t integer(std::string_view file, size_t at, size_t bytes, bool little_end
   return value;
 }
 
-// Of the types of numbers; 0 for others.
+// The bytes of the types of numbers; 0 for others.
 size_t bytes_of_type(uint32_t type) {
   switch (type) {
     case 1:  // BYTE

@@ -9,7 +9,7 @@
 
 namespace itn {
 
-// Of bytes of a stranger: nothing outside of them is read. They must outlive it.
+// Reads bytes of a stranger: nothing outside of them is read. They must outlive it.
 class TiffDirectory {
  public:
   // The first directory of a file; none if it does not lie within the bytes.

@@ -5,7 +5,7 @@
 
 namespace itn {
 
-// Where the pixels of an upright image are in the one that the file holds.
+// Tells where the pixels of an upright image are in the one that the file holds.
 class Upright {
  public:
   // TIFF 6.0, tag 274: which side of the scene the file's first row and first column are.

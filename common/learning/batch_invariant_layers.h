@@ -9,10 +9,11 @@
 
 namespace itn {
 
-// As the layer's forward(). Requires stride, padding and dilation in numbers, and zeros as padding.
+// Does what the layer's forward() does. Requires stride, padding and dilation in numbers, and zeros
+// as padding.
 torch::Tensor batch_invariant_conv2d(torch::nn::Conv2dImpl& layer, const torch::Tensor& input);
 
-// As the layer's forward(): batch x features.
+// Does what the layer's forward() does, for batch x features.
 torch::Tensor batch_invariant_linear(torch::nn::LinearImpl& layer, const torch::Tensor& input);
 
 // The sum of batch x channels x height x width over height and width.

@@ -32,7 +32,7 @@ bool knows_scale(const v1::Model& model) {
   return model.exposure() != v1::EXPOSURE_UNKNOWN;
 }
 
-// Of the photograph as a whole.
+// Warnings of the photograph as a whole.
 std::vector<v1::Warning> common_warnings(const Photograph& photograph, const v1::Capture& capture,
                                          const v1::Model& model, const std::stop_token& stop) {
   std::vector<v1::Warning> result;

@@ -43,7 +43,7 @@ v1::Checkpoint read_checkpoint(const std::filesystem::path& path);
 // The latest checkpoint in the folder of a run, if there is any. Throws as read_checkpoint().
 std::optional<v1::Checkpoint> find_checkpoint(const std::filesystem::path& folder);
 
-// Of the weights of a model, in hexadecimal.
+// The digest of the weights of a model, in hexadecimal.
 std::string weights_sha256(const v1::Model& model);
 
 }  // namespace itn

@@ -69,7 +69,7 @@ double covariance(const std::vector<double>& a, double mean_a, const std::vector
   return sum / static_cast<double>(a.size());
 }
 
-// Of values in any order, between the two that are nearest.
+// The quantile of values in any order, between the two that are nearest.
 double quantile(std::vector<double> values, double probability) {
   const double at = probability * static_cast<double>(values.size()) - 0.5;
   const auto below = static_cast<ptrdiff_t>(at);

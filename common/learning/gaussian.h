@@ -63,13 +63,13 @@ struct Posterior {
   JointPosterior material;    // sigma_t, albedo, g
   JointPosterior scattering;  // sigma_a, sigma_s, sigma_s_reduced
 
-  // Of all single answers the one with the smallest expected squared error in each parameter.
+  // The single answer with the smallest expected squared error in each parameter.
   Material mean() const;
 };
 
-// Of the Gaussian with these outputs, by quasi-random points that are always the same. Points
-// outside of the space's bounds count as the nearest inside. Throws Error (invalid input) if an
-// output is not finite.
+// The posterior of the Gaussian with these outputs, by quasi-random points that are always the
+// same. Points outside of the space's bounds count as the nearest inside. Throws Error (invalid
+// input) if an output is not finite.
 Posterior posterior(const OutputSpace& space, std::span<const double, kGaussianOutputs> outputs);
 
 }  // namespace itn

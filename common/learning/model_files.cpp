@@ -30,7 +30,7 @@ std::string available_models() {
                        : fmt::format("in {} there are {}", folder, fmt::join(names, ", "));
 }
 
-// Where no such file is, a name that was given as that of a file.
+// Refuses a name that was given as that of a file where no such file is.
 void refuse_name_with_extension(const std::string& model) {
   const fs::path path = model;
   const std::string name = path.stem().string();

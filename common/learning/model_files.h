@@ -21,7 +21,7 @@ struct ShippedModel {
 // them. It may not exist.
 std::filesystem::path models_folder();
 
-// Those in models_folder(), by name.
+// The models in models_folder(), by name.
 std::vector<ShippedModel> shipped_models();
 
 // The first line, without "#", of the card beside a model's file; empty if there is none.

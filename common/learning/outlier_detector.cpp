@@ -138,7 +138,7 @@ void statistics_of(const v1::Model& model, const float* luminance, const float* 
   *out++ = floored_log(median(contrasts), kMinContrast);
   *out++ = floored_log(root_mean_square(contrasts), kMinContrast);
   for (const int64_t distance : {2, 4}) {
-    // Of a thin object there may be hardly any: then it has what it has over a shorter distance.
+    // A thin object may have hardly any: then it has what it has over a shorter distance.
     if (std::vector<double> farther = s.contrasts(distance); farther.size() >= kFewestContrasts) {
       contrasts = std::move(farther);
     }
@@ -151,8 +151,8 @@ void statistics_of(const v1::Model& model, const float* luminance, const float* 
 // --- Gaussians ---
 
 constexpr int64_t kMaxAxes = 64;
-// Of the mean variance: a direction in which training images hardly vary counts as if they did a
-// little, as held-out ones do.
+// The least part of the mean variance: a direction in which training images hardly vary counts as
+// if they did a little, as held-out ones do.
 constexpr double kMinVariance = 1e-2;
 // Distances of statistics are logarithms: a difference of a fiftieth is none.
 constexpr double kMinDeviation = 0.02;
@@ -325,7 +325,8 @@ OutlierDetector::OutlierDetector(const v1::OutlierModel& outlier_model, int64_t 
   }
   encoding_ = read_statistics("encoding", outlier_model.encoding());
   disorder_ = read_statistics("disorder", outlier_model.disorder());
-  // Of the covariance sum of variance * direction direction^T, axis = direction / deviation.
+  // The variances of the covariance sum of variance * direction direction^T, axis = direction /
+  // deviation.
   const torch::Tensor variances = 1 / statistics_.axes.square().sum(1, true);
   deviations_ = (statistics_.axes.square() * variances.square()).sum(0).sqrt();
 }

@@ -37,7 +37,7 @@ namespace itn {
 inline constexpr int64_t kImageStatistics = 14;
 torch::Tensor image_statistics(const v1::Model& model, const ImageBatch& images);
 
-// Of some images.
+// Features of some images.
 struct Features {
   torch::Tensor embedding;   // images x embedding_size(), float
   torch::Tensor statistics;  // images x kImageStatistics, double
@@ -93,14 +93,14 @@ class OutlierDetector {
     torch::Tensor distance(const torch::Tensor& vectors) const;
   };
   static Gaussian read(const char* what, const v1::PrincipalGaussian& proto, int64_t size);
-  // Where an image lies between the middle and the ends of what training images have.
+  // Tells where an image lies between the middle and the ends of what training images have.
   struct Range {
     torch::Tensor lowest, middle, highest;  // of each statistic, double
     double usual;
     torch::Tensor distance(const torch::Tensor& statistics) const;
   };
   static Range read(const v1::StatisticsRange& proto);
-  // As far as the images' statistics lie in this direction.
+  // How far the images' statistics lie in this direction.
   torch::Tensor along(const torch::Tensor& direction, const Features& images) const;
   std::string unusual(const torch::Tensor& statistics) const;
 

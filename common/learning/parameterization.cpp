@@ -159,8 +159,8 @@ Box to_box(const v1::MaterialRange& range) {
 
 namespace {
 
-// Of the bounds beyond the training range: chosen so that the paper's ranges (30 to 276, 0.39 to
-// 0.95, 0 to 0.8) become the paper's clamps.
+// The bounds lie so far beyond the training range that the paper's ranges (30 to 276, 0.39 to 0.95,
+// 0 to 0.8) become the paper's clamps.
 constexpr double kSigmaTBelow = 20.0 / 30.0, kSigmaTAbove = 300.0 / 276.0;
 constexpr double kAlbedoBelow = 0.04, kAlbedoAbove = 0.02, kG = 0.1;
 

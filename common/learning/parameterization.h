@@ -15,8 +15,9 @@ using MaterialCoordinates = std::array<double, 3>;
 // jacobian[i][j] = d (sigma_t, albedo, g)_i / d coordinate_j.
 using Jacobian = std::array<MaterialCoordinates, 3>;
 
-// Where g lies in UNBOUNDED coordinates: bounds of the model, so that a Gaussian over a coordinate
-// can say that nothing is known of g. The other parameterizations do not look at it.
+// The interval in which g lies in UNBOUNDED coordinates: bounds of the model, so that a Gaussian
+// over a coordinate can say that nothing is known of g. The other parameterizations do not look at
+// it.
 struct OpenInterval {
   double min = -1, max = 1;
 };
@@ -30,7 +31,7 @@ MaterialCoordinates to_coordinates(v1::Parameterization parameterization, const 
 Material from_coordinates(v1::Parameterization parameterization,
                           const MaterialCoordinates& coordinates, const OpenInterval& g = {});
 
-// Of from_coordinates, under the same requirements.
+// The Jacobian of from_coordinates, under the same requirements.
 Jacobian jacobian(v1::Parameterization parameterization, const MaterialCoordinates& coordinates,
                   const OpenInterval& g = {});
 
@@ -40,9 +41,9 @@ struct Box {
 
 Box to_box(const v1::MaterialRange& range);
 
-// Where predictions are kept for rendering: the range of the training materials and a margin. For
-// the ranges of Che et al. 2020 it is the box that they use: sigma_t [20, 300], albedo [.35, .97],
-// g [-.1, .9].
+// The range in which predictions are kept for rendering: that of the training materials and a
+// margin. For the ranges of Che et al. 2020 it is the box that they use: sigma_t [20, 300], albedo
+// [.35, .97], g [-.1, .9].
 v1::MaterialRange prediction_bounds(const v1::MaterialRange& training_range);
 
 // The training range that has these bounds, as far as the bounds tell: where they end at the end of

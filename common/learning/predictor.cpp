@@ -72,7 +72,7 @@ void make_per_mm(MaterialEstimate& estimate, double object_size) {
   std::ranges::for_each(estimate.posterior->scattering.parameters, divide);
 }
 
-// Those of a kind that is not there yet.
+// Adds warnings of a kind that is not there yet.
 void add_new(std::span<const v1::Warning> from, std::vector<v1::Warning>& to) {
   for (const v1::Warning& warning : from) {
     const auto same = [&](const v1::Warning& other) { return other.kind() == warning.kind(); };

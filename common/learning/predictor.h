@@ -29,8 +29,8 @@ struct MaterialEstimate {
   Material material;                   // the best guess; the mean of the posterior if there is one
   std::optional<Posterior> posterior;  // of a network with the output GAUSSIAN
   std::vector<double> outputs;         // of the network, with its widths corrected
-  // Where the 90 % intervals, or the best guess of a network without any, reach an end of what the
-  // model can answer.
+  // Parameters of which the 90 % intervals, or the best guess of a network without any, reach an
+  // end of what the model can answer.
   std::vector<v1::MaterialBound> at_bounds;
   std::optional<OutlierScore> outlier;  // of a model with outlier_model
   std::vector<v1::Warning> warnings;    // of a photograph
@@ -91,14 +91,15 @@ class Predictor {
     std::vector<MaterialEstimate> combined;
   };
 
-  // Of photographs 0 to count - 1, each of which is asked for once, in their order, as seen() gives
-  // it. If that throws Error, this is what becomes of it. They go through the network together, but
-  // no more at a time than memory should be taken for. Throws Error (cancelled) after a stop,
-  // before the next of them, and Error (invalid input) if photographs of one material have not the
-  // same channels, the size of some objects alone is known, or the model answers no distributions.
+  // Estimates photographs 0 to count - 1, each of which is asked for once, in their order, as
+  // seen() gives it. If that throws Error, this is what becomes of it. They go through the network
+  // together, but no more at a time than memory should be taken for. Throws Error (cancelled) after
+  // a stop, before the next of them, and Error (invalid input) if photographs of one material have
+  // not the same channels, the size of some objects alone is known, or the model answers no
+  // distributions.
   Outcomes estimate_each(size_t count, const std::function<NetworkView(size_t)>& seen,
                          bool one_material, const std::stop_token& stop = {}) const;
-  // Likewise, through the network by `embed`, which gets inputs_at_a_time() at most.
+  // Estimates them through the network by `embed`, which gets inputs_at_a_time() at most.
   Outcomes estimate_each(size_t count, const std::function<NetworkView(size_t)>& seen,
                          bool one_material, const std::stop_token& stop, const Embed& embed) const;
 
@@ -116,7 +117,7 @@ class Predictor {
   NetworkView seen(const Photograph& photograph, const v1::Capture& capture = {},
                    const std::stop_token& stop = {}) const;
 
-  // Of a network with the output GAUSSIAN: the logarithm of the density that an estimate gives the
+  // For a network with the output GAUSSIAN, the logarithm of the density that an estimate gives the
   // truth, in the coordinates of standardized().
   double log_likelihood(const MaterialEstimate& estimate, const Material& truth) const;
 

@@ -18,7 +18,7 @@ struct TensorShape {
   std::vector<int64_t> shape;
 };
 
-// Of float32.
+// Writes a tensor of float32.
 v1::Tensor to_proto(const std::string& name, const torch::Tensor& tensor);
 
 // Throws Error (invalid input) that names the first tensor which is missing, too many, or of

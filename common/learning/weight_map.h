@@ -1,4 +1,4 @@
-// Where in an image the material shows most: near edges.
+// Weights of where in an image the material shows most: near edges.
 #pragma once
 
 #include <span>

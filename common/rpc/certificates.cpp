@@ -104,7 +104,7 @@ void require_valid_now(const X509& certificate, const std::string& path) {
   }
 }
 
-// As the other side will. A certificate that does not say what it is for is for both.
+// Requires what the other side will. A certificate that does not say what it is for is for both.
 void require_purpose(X509& certificate, Side side, const std::string& path) {
   const bool server = side == Side::kServer;
   const uint32_t usage = X509_get_extended_key_usage(&certificate);  // all, if it does not say
@@ -136,7 +136,7 @@ Certificates read_certificates(const CertificateFiles& files, Side side) {
   if (!files.authority.empty()) {
     read.authority = read_file(files.authority, "authority's certificate", kMaxBytes);
     const auto authorities = parse_certificates(read.authority, files.authority);
-    // Of several, the former and the next for instance, one must be of use.
+    // One of several authorities, the former and the next for instance, must be of use.
     const bool any = std::ranges::any_of(
         authorities, [](const auto& a) { return !has_expired(*a) && !is_not_valid_yet(*a); });
     if (!any) require_valid_now(*authorities.front(), files.authority);

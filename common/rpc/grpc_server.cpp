@@ -20,7 +20,7 @@ using std::chrono::milliseconds;
 using std::chrono::minutes;
 using std::chrono::seconds;
 
-// Of one connection: more calls wait at the client.
+// The most calls of one connection: more calls wait at the client.
 constexpr int kMaxStreams = 256;
 constexpr int kMaxHeaderBytes = 16 << 10;
 // At a time: gRPC begins every call in what it has read before it notices that the connection was

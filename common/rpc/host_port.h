@@ -1,5 +1,5 @@
-// Where a server is: HOST:PORT, as people write it and as gRPC does. Text alone: no name is looked
-// up here.
+// The address of a server: HOST:PORT, as people write it and as gRPC does. Text alone: no name is
+// looked up here.
 #pragma once
 
 #include <cstdint>
@@ -39,12 +39,12 @@ std::optional<std::string> socket_path(std::string_view text);
 // "unix:/run/worker".
 bool has_scheme(std::string_view target);
 
-// Of a client's target: HOST:PORT, dns:NAME:PORT or dns:///NAME:PORT. Nothing for those of other
-// schemes, and for what is none.
+// The address of a client's target: HOST:PORT, dns:NAME:PORT or dns:///NAME:PORT. Nothing for those
+// of other schemes, and for what is none.
 std::optional<HostPort> endpoint_of_target(std::string_view target);
 
-// Of a peer as grpc::ServerContext::peer() calls it, "ipv4:10.0.0.1:50123": without the port, which
-// each connection has of its own.
+// The host of a peer as grpc::ServerContext::peer() calls it, "ipv4:10.0.0.1:50123": without the
+// port, which each connection has of its own.
 std::string host_of_peer(std::string_view peer);
 
 }  // namespace itn

@@ -150,7 +150,7 @@ class JobQueue {
   std::deque<Waiting> waiting_;
   Reservations reservations_;
   std::map<std::string, Held> held_;  // by who
-  // Of who, and of their connections: the number of a job.
+  // The number of the job that was started last, by client and by connection.
   std::unordered_map<std::string, uint64_t> last_start_, last_start_of_connection_;
   uint64_t started_ = 0;
   std::optional<double> seconds_per_job_;  // recently; none has ended yet

@@ -107,8 +107,8 @@ int open_socket(const addrinfo& address) {
   return -1;
 }
 
-// Likewise, in the file system. A socket that a process left behind, which nobody listens on any
-// more, is replaced.
+// Opens a socket in the file system. A socket that a process left behind, which nobody listens on
+// any more, is replaced.
 int open_socket(const std::string& path) {
   sockaddr_un address = {};
   address.sun_family = AF_UNIX;

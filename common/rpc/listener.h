@@ -17,8 +17,9 @@ struct ListenerOptions {
   // More are closed at once. So are those of an address that would then hold more than are free:
   // whoever opens all that they can leaves others half.
   size_t max_connections = 1024;
-  // Of the process, resident: close to it, the connection that sent most lately is closed, again
-  // and again, and until that has helped, for two seconds at most, none is accepted. 0: none.
+  // The most that the process may take, resident: close to it, the connection that sent most lately
+  // is closed, again and again, and until that has helped, for two seconds at most, none is
+  // accepted. 0: none.
   uint64_t max_memory_bytes = 0;
   bool this_machine_only = false;  // refuse addresses that other machines reach
 };

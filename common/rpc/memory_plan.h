@@ -13,10 +13,10 @@ struct MemoryPlan {
   uint64_t call_bytes;       // calls that were accepted, and what is kept for the next ones
 };
 
-// Of a process that may take `total` bytes, resident, of which `own_bytes` go to the program
-// itself. A sixteenth is the largest message, unless `max_message_bytes` is less; an eighth is for
-// messages that arrive, and an eighth is kept free (see Listener). Throws Error (kUsage) if `total`
-// leaves too little for anything.
+// Plans the memory of a process that may take `total` bytes, resident, of which `own_bytes` go to
+// the program itself. A sixteenth is the largest message, unless `max_message_bytes` is less; an
+// eighth is for messages that arrive, and an eighth is kept free (see Listener). Throws Error
+// (kUsage) if `total` leaves too little for anything.
 MemoryPlan plan_memory(uint64_t total, uint64_t own_bytes, uint64_t max_message_bytes);
 
 // The least `total` that plan_memory() accepts, in whole MiB.

@@ -23,7 +23,7 @@ namespace itn {
 struct CallRecord {
   std::string_view method;
   grpc::StatusCode status = grpc::StatusCode::OK;
-  // Of a call that was worked on.
+  // The times of a call that was worked on.
   struct Times {
     double queue = 0, work = 0;  // in seconds
   };

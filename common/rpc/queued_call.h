@@ -47,7 +47,7 @@ struct CallSchedulerOptions {
 class CallScheduler {
  public:
   explicit CallScheduler(const CallSchedulerOptions& options);
-  // As drain() without patience, and waits for work that does not stop, however long.
+  // Drains without patience, and waits for work that does not stop, however long.
   ~CallScheduler();
   CallScheduler(const CallScheduler&) = delete;
   CallScheduler& operator=(const CallScheduler&) = delete;

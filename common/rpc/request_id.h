@@ -16,7 +16,8 @@ namespace itn {
 // "x-request-id"; returns it.
 std::string assign_request_id(grpc::ClientContext& context);
 
-// Of a call that failed: its message ends with the call's name, by which the server's log knows it.
+// The status of a call that failed: its message ends with the call's name, by which the server's
+// log knows it.
 grpc::Status with_request_id(const grpc::Status& status, const std::string& name);
 
 // What the client calls it; "-" if it has no name, "?" if that is not of 1 to 64 letters, digits,

@@ -61,7 +61,7 @@ class WatchedCertificates {
   std::optional<Certificates> next_;
 };
 
-// As gRPC's callback: at the start, and for every connection.
+// gRPC calls it at the start, and for every connection.
 grpc_ssl_certificate_config_reload_status fetch(void* watched,
                                                 grpc_ssl_server_certificate_config** config) {
   const auto next = static_cast<WatchedCertificates*>(watched)->take_next();
@@ -115,7 +115,7 @@ struct TokenCheck {
   LogLimit log_limit{1, std::chrono::seconds(10)};
 };
 
-// As gRPC's callback: for every call.
+// gRPC calls it for every call.
 void check_call(void* state, grpc_auth_context* /*context*/, const grpc_metadata* headers,
                 size_t count, grpc_process_auth_metadata_done_cb done, void* call) {
   auto& check = *static_cast<TokenCheck*>(state);

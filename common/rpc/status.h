@@ -39,19 +39,20 @@ class StatusError : public std::exception {
 // UNAVAILABLE with a serialized Busy: there will be room in about so many seconds.
 StatusError busy(const std::string& message, double retry_after_seconds);
 
-// Of the exception being handled: call it inside a catch block. Memory that could not be had is
-// RESOURCE_EXHAUSTED: the same request would ask for as much again. An exception that is neither an
-// Error nor a StatusError is INTERNAL. Messages are cut at 2000 bytes: they travel as a header.
+// The status of the exception being handled: call it inside a catch block. Memory that could not be
+// had is RESOURCE_EXHAUSTED: the same request would ask for as much again. An exception that is
+// neither an Error nor a StatusError is INTERNAL. Messages are cut at 2000 bytes: they travel as a
+// header.
 grpc::Status status_of_current_exception();
 
-// As gRPC's documents write it, e.g. "NOT_FOUND".
+// The name that gRPC's documents write, e.g. "NOT_FOUND".
 std::string status_name(grpc::StatusCode code);
 
 // What a server said, fit to be shown: one line, of its first 2000 bytes (printable.h).
 std::string message_of(const grpc::Status& status);
 
-// Of a call that failed; `who` answered it (e.g. "worker 10.0.0.1:50051") and begins the message,
-// unless it is empty.
+// The error of a call that failed; `who` answered it (e.g. "worker 10.0.0.1:50051") and begins the
+// message, unless it is empty.
 Error to_error(const grpc::Status& status, const std::string& who);
 
 }  // namespace itn

@@ -94,7 +94,8 @@ std::string TokenFile::header() {
   return first_;
 }
 
-// Of digests, so that neither the length of a token nor how much of it was right can be timed.
+// Digests are compared, so that neither the length of a token nor how much of it was right can be
+// timed.
 bool TokenFile::admits(const std::string& header) {
   const std::string digest = sha256(header);
   const std::lock_guard lock(mutex_);

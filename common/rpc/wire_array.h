@@ -20,7 +20,7 @@ std::string to_bytes(const std::vector<T>& values) {
   return to_bytes(std::span<const T>(values));
 }
 
-// As many numbers as the bytes make in full.
+// Reads as many numbers as the bytes make in full.
 template <typename T>
 std::vector<T> from_bytes(const std::string& bytes) {
   std::vector<T> values(bytes.size() / sizeof(T));

@@ -33,7 +33,7 @@ uint32_t integer_in(const std::string& field, uint64_t value, uint64_t low, uint
 // Throws kLimit.
 void within_limit(const std::string& what, uint64_t value, uint64_t limit);
 
-// Of any message, with all that it consists of: no unknown fields, all numbers finite.
+// Checks any message with all that it consists of: no unknown fields, all numbers finite.
 void check_message(const google::protobuf::Message& message, const std::string& path);
 
 Vec3d to_vec(const v1::Vec3& v);

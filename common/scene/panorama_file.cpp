@@ -109,7 +109,8 @@ v1::Pixels load_panorama(const std::filesystem::path& path) {
         "another thing",
         name, image.width, image.height);
   }
-  // As resampling leaves them beside a sun; more is no radiance, and is refused with the scene.
+  // The part below 0 that resampling leaves beside a sun; more is no radiance, and is refused with
+  // the scene.
   constexpr float kRinging = 0.01F;
   size_t below = 0;
   for (auto& [channel, plane] : image.channels) {

@@ -25,10 +25,10 @@ struct SerializedScene {
 // they would be 2 GiB or more.
 std::shared_ptr<const SerializedScene> serialize(const v1::Scene& scene);
 
-// Of any bytes; 32 bytes.
+// The SHA-256 digest of any bytes; 32 bytes.
 std::string sha256(const std::string& bytes);
 
-// As two lower-case digits a byte.
+// Writes two lower-case digits a byte.
 std::string to_hex(const std::string& bytes);
 
 }  // namespace itn

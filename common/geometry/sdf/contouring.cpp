@@ -145,7 +145,7 @@ class Meeting {
 
 // --- The grid ---
 
-// Where the surface is, and how much of it, seen from afar.
+// What is known of the surface from afar: where it is, and how much of it.
 struct Survey {
   Vec3f low, high;
   float area = 0;  // 0: there is none
@@ -175,7 +175,7 @@ class CoarseGrid {
                      std::max(result.high.z, p.z + kHalf)};
       near += distance <= kCell * kHalfDiagonal * slope(i) ? 1 : 0;
     }
-    // Those cells fill a layer of twice half a diagonal.
+    // The near cells fill a layer of twice half a diagonal.
     result.area = static_cast<float>(near) * kCell * kCell / (2 * kHalfDiagonal);
     return result;
   }
@@ -190,8 +190,8 @@ class CoarseGrid {
     return {at(x), at(y), at(z)};
   }
 
-  // Of distances that are bounds, which may be less than 1. Along each axis the larger of the
-  // differences on both sides: thin solids lie between.
+  // The slope of distances that are bounds, which may be less than 1. Along each axis the larger of
+  // the differences on both sides: thin solids lie between.
   float slope(size_t i) const {
     float squares = 0;
     for (const size_t step : {1, kCells, kCells * kCells}) {
@@ -378,7 +378,7 @@ class Contouring {
         });
     for (Crossing& c : crossings_) {
       const float size = length(c.normal);
-      // Where differences cancel the normal is that of the edge.
+      // The normal is that of the edge where differences cancel.
       Vec3f along;
       (c.axis == 0 ? along.x : c.axis == 1 ? along.y : along.z) = c.leaves ? 1.0F : -1.0F;
       c.normal = size > 1e-3F * step ? c.normal * (1 / size) : along;

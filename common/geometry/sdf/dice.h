@@ -52,7 +52,7 @@ class Dice {
   }
   // About the y axis.
   Rotation<float> heading() { return about_y(between(0, 2 * kPi)); }
-  // Of the y axis to one of the three axes.
+  // The rotation of the y axis to one of the three axes.
   Rotation<float> axis() {
     switch (count(0, 2)) {
       case 0: return {{0, 1, 0}, {0, 0, 1}, {1, 0, 0}};

@@ -17,7 +17,7 @@ float stretch_of_shear(float radians_per_unit) {
   return (shear + std::sqrt(shear * shear + 4)) / 2;
 }
 
-// As fast_sin, to the accuracy that rotations need, in operations that vectorise; |x| < 10.
+// Sine and cosine to the accuracy that rotations need, in operations that vectorise; |x| < 10.
 // (Taylor's polynomial on a quarter of the angle, doubled twice.)
 struct SinCos {
   float sin, cos;

@@ -16,7 +16,7 @@ float hypotenuse(float a, float b) {
   return std::sqrt(a * a + b * b);
 }
 
-// Of what is behind both of two surfaces at right angles.
+// The distance of what is behind both of two surfaces at right angles.
 float corner(float a, float b) {
   return std::min(std::max(a, b), 0.0F) + hypotenuse(std::max(a, 0.0F), std::max(b, 0.0F));
 }

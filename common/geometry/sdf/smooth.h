@@ -6,7 +6,7 @@
 
 namespace itn::sdf {
 
-// Where they differ by `fillet` (> 0) or more, the minimum; between, a parabola that is smaller. A
+// The minimum where they differ by `fillet` (> 0) or more; between, a parabola that is smaller. A
 // mean of both slopes everywhere, so no steeper than the steeper of them.
 inline float smooth_min(float a, float b, float fillet) {
   const float h = std::max(fillet - std::abs(a - b), 0.0F);

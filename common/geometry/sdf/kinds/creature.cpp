@@ -212,7 +212,7 @@ Skeleton grown_thing(Dice& dice) {
   return body;
 }
 
-// Of a long body, with or without fins.
+// The skeleton of a long body, with or without fins.
 Skeleton swimmer(Dice& dice) {
   Skeleton body;
   const float girth = dice.scale(0.14F, 0.4F);

@@ -6,7 +6,7 @@
 namespace itn::sdf {
 namespace {
 
-// Of about the given radius.
+// A body of about the given radius.
 Solid round_body(Dice& dice, float size) {
   switch (dice.count(0, 5)) {
     case 0:
