@@ -81,8 +81,8 @@ class SleepingWorker final : public RenderWorker {
     return grpc::Status::OK;
   }
 
-  // As a worker with a queue: the next render begins when the one before it ends, whenever the
-  // thread that asked for it wakes.
+  // Renders as a worker with a queue does: the next render begins when the one before it ends,
+  // whenever the thread that asked for it wakes.
   Answer render(const RenderJob& job, std::chrono::milliseconds /*deadline*/,
                 const std::stop_token& stop) override {
     times_.begun();

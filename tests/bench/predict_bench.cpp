@@ -86,7 +86,7 @@ struct Times {
   }
 };
 
-// Of `clients` threads that call again as soon as they are answered.
+// Measures `clients` threads that call again as soon as they are answered.
 Times measure(double seconds, int clients, const std::function<void()>& call) {
   using Clock = std::chrono::steady_clock;
   for (int i = 0; i < 5; ++i) call();

@@ -28,7 +28,7 @@ struct Case {
   const char* name;
   const char* scene;  // without film
   Material truth;
-  // Of the scene: what the images are of, where the refinement starts from what `scene` says.
+  // Values of the scene that the images are of; the refinement starts from what `scene` says.
   std::vector<std::pair<std::string, double>> unknowns = {};
 };
 
@@ -99,7 +99,7 @@ Observation observe(RenderPool& pool, const Case& c, const Options& options, uin
 
 Material start_of(const Options& options, const Material& truth, uint64_t seed) {
   if (options.start == "mean") return {91, 0.67, 0.4};
-  // As far off as a good network.
+  // The start is as far off as a good network.
   SplitMix random(seed);
   const auto sign = [&] { return 2 * random.uniform() - 1; };
   return {truth.sigma_t * std::exp(1.7 * options.near * sign()),
@@ -107,7 +107,7 @@ Material start_of(const Options& options, const Material& truth, uint64_t seed) 
           std::clamp(truth.g + 0.3 * sign(), -0.9, 0.9)};
 }
 
-// Of sigma_t, albedo, g and the unknowns of the scene.
+// Counts for sigma_t, albedo, g and the unknowns of the scene.
 struct Tally {
   struct Number {
     int inside = 0;  // the 95 % interval

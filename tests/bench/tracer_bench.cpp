@@ -180,7 +180,7 @@ std::vector<double> image_terms(const RenderedImages& images) {
   return terms;
 }
 
-// Of a somewhat different material.
+// The target is of a somewhat different material.
 Target make_target(const Scene& scene, const Material& material, int resolution) {
   RenderRequest request{
       .material = {material.sigma_t * 1.2, material.albedo - 0.03, std::min(0.9, material.g + 0.1)},
@@ -565,8 +565,8 @@ void parts_row(int repetitions) {
   steps.print(fmt::format("{{\"parts_of\": {}", mesh.triangles.size()));
 }
 
-// Where the CPU time of a small render goes, in milliseconds: medians over renders of the pixels
-// of an object of 20 k triangles, of which more and more is known to the worker.
+// Measures where the CPU time of a small render goes, in milliseconds: medians over renders of the
+// pixels of an object of 20 k triangles, of which more and more is known to the worker.
 void measure_set_up(const Options& options) {
   parts_row(options.repetitions);
   for (const int resolution : {64, 128}) {

@@ -139,7 +139,7 @@ const RenderRequest& plain_image() {
   return image;
 }
 
-// Of a scene whose film shows kRgb.
+// Asks for the colours of a scene whose film shows kRgb.
 Ask colours_of(const Scene& scene) {
   Ask ask{"colours", plain_image()};
   ask.of_reference = false;

@@ -33,7 +33,7 @@ TEST(Logging, DoesNotSteerATerminal) {
   EXPECT_THAT(::testing::internal::GetCapturedStderr(), ::testing::EndsWith("n\\x1b[2J\n"));
 }
 
-// As a field of what a JSON reader reads.
+// The field of what a JSON reader reads.
 TEST(Logging, JsonLinesAreWholeWhateverTheMessage) {
   ::testing::internal::CaptureStderr();
   set_up_logging("info", LogFormat::kJson);

@@ -10,7 +10,7 @@
 
 namespace {
 
-// Of this thread: allocations until one fails (below 0: none does), and those not yet freed.
+// Counts of this thread: allocations until one fails (below 0: none does), and those not yet freed.
 thread_local int allocations_left = -1;
 thread_local int allocations_held = 0;
 

@@ -194,7 +194,7 @@ Cost cost_of_a_render(Load& load, const ServerProcess& worker, double seconds) {
   return {(worker.cpu_seconds() - before) / static_cast<double>(served), per_second.mean};
 }
 
-// Of the thread that had the most to do since then.
+// The seconds of the thread that had the most to do since then.
 double most_with_work(const ServerProcess& worker, std::map<std::string, double> before) {
   double most = 0;
   for (const auto& [thread, seconds] : worker.seconds_with_work()) {

@@ -238,7 +238,7 @@ void call_predictor(const Channel& channel, Random& random, Outcomes& outcomes) 
 
 using Caller = void (*)(const Channel& channel, Random& random, Outcomes& outcomes);
 
-// Of one resource, at each look.
+// Values of one resource, at each look.
 struct Series {
   const char* name;
   double unit;
@@ -265,7 +265,7 @@ Channel connect_to(const ServerProcess& server) {
   return grpc::CreateCustomChannel(server.address(), grpc::InsecureChannelCredentials(), arguments);
 }
 
-// Of the server's --metrics-file.
+// A metric of the server's --metrics-file.
 double metric(const std::string& path, const std::string& name) {
   std::ifstream file(path);
   for (std::string line; std::getline(file, line);) {

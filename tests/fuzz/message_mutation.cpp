@@ -138,7 +138,7 @@ class Mutation {
     }
   }
 
-  // Of any float, denormal ones among them.
+  // The exponent of any float, denormal ones among them.
   int exponent() { return std::uniform_int_distribution<int>(-149, 127)(random_); }
 
   // Bytes that may be floats: one of them, or all, by another exponent.

@@ -12,7 +12,7 @@
 #include <random>
 #include <string>
 
-// As libFuzzer calls it, where a target has it.
+// libFuzzer calls it where a target has it.
 extern "C" size_t LLVMFuzzerCustomMutator(uint8_t* data, size_t size, size_t max_size,
                                           unsigned seed);
 

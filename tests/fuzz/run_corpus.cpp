@@ -21,7 +21,7 @@
 #include "tests/fuzz/fuzz_target.h"
 
 extern "C" size_t LLVMFuzzerMutate(uint8_t* data, size_t size, size_t max_size);
-// Of targets that have one.
+// The mutator of targets that have one.
 extern "C" __attribute__((weak)) size_t LLVMFuzzerCustomMutator(uint8_t* data, size_t size,
                                                                 size_t max_size, unsigned seed);
 

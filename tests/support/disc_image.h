@@ -10,7 +10,8 @@
 
 namespace itn::testing {
 
-// Of side x side pixels, the disc two thirds of it wide; the phase is where its shade begins.
+// An image of side x side pixels, the disc two thirds of it wide; the phase is where its shade
+// begins.
 inline v1::PredictRequest disc_image(int side, double phase) {
   std::vector<float> pixels, mask;
   for (int y = 0; y < side; ++y) {

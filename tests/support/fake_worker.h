@@ -45,7 +45,7 @@ class Gate {
   bool open_ = false;
 };
 
-// As a worker answers, in its form, for a film of 16 x 12 pixels. All values are the seed.
+// The answer of a worker, in its form, for a film of 16 x 12 pixels. All values are the seed.
 inline grpc::Status constant_answer(const v1::RenderGradRequest& request,
                                     v1::RenderGradReply& reply) {
   const auto value = static_cast<float>(request.seed());

@@ -1,4 +1,4 @@
-// Where the programs and files are that tests use. Found from where the test is, not told to the
+// Paths of the programs and files that tests use. Found from where the test is, not told to the
 // compiler: what one clone compiled, another can use.
 #pragma once
 

@@ -17,7 +17,8 @@ namespace itn::testing {
 struct Estimated {
   double mean = 0;
   double standard_error = 0;
-  // Of the standard error, which is itself an estimate. A value that is known exactly has none.
+  // The degrees of freedom of the standard error, which is itself an estimate. A value that is
+  // known exactly has none.
   double degrees_of_freedom = std::numeric_limits<double>::infinity();
 };
 

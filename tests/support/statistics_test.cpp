@@ -58,7 +58,7 @@ TEST(Slope, OfALineIsExact) {
   EXPECT_NEAR(line.standard_error, 0, 1e-12);
 }
 
-// Of noise about lines: the error is what the slopes scatter by, also where noise has a memory.
+// Noise about lines: the error is what the slopes scatter by, also where noise has a memory.
 TEST(Slope, KnowsItsError) {
   std::mt19937 random(1);
   std::normal_distribution<double> normal;

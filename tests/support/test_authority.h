@@ -68,7 +68,7 @@ class TestAuthority {
   TemporaryFolder folder_;
 };
 
-// Of files that something may be reading: first the one, then the other.
+// Files that something may be reading are replaced: first the one, then the other.
 inline void copy_over(const std::string& from, const std::string& to) {
   std::filesystem::copy_file(from, to, std::filesystem::copy_options::overwrite_existing);
 }

@@ -73,7 +73,7 @@ TEST(RenderCommand, WritesLayersAndHeader) {
   EXPECT_EQ(image.attributes.at("itn.pixels"), Attribute("all"));
   EXPECT_EQ(image.attributes.at("itn.tracer"), Attribute("wavefront"));
   EXPECT_EQ(image.attributes.at("itn.paths"), Attribute(432.0));
-  // Of the 9 samples, 5 are of estimate 0 and 4 of estimate 1.
+  // Estimate 0 has 5 of the 9 samples, estimate 1 has 4.
   const auto& mean = image.channel("Y");
   for (size_t i = 0; i < mean.size(); ++i) {
     const float expected =

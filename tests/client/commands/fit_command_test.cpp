@@ -120,7 +120,7 @@ class FitCommand : public ::testing::Test {
     return scene.replace(light, camera - light, lights);
   }
 
-  // Of a photograph of the mug, or of another shape of this size, in a folder of its own.
+  // Fits a photograph of the mug, or of another shape of this size, in a folder of its own.
   static v1::FitResult fitted(const std::string& image, const std::string& output,
                               const Arguments& more, const std::string& shape = "mug",
                               const std::string& size = "45") {
@@ -193,7 +193,7 @@ TEST_F(FitCommand, TakesSidesOfABox) {
   ASSERT_EQ(result.results_size(), 1);
   EXPECT_GT(result.poses(0).overlap(), 0.97);
   EXPECT_FALSE(result.poses(0).ambiguous());
-  // Of flat faces without a card, shading tells little of absorption.
+  // Shading of flat faces tells little of absorption without a card.
   expect_near(result.results(0).sigma_s_reduced(), kSigmaT * kAlbedo * (1 - kG), 0.3);
 }
 

@@ -155,8 +155,8 @@ TEST_F(RenderMaterial, IsScaledToTheObject) {
   EXPECT_THAT(done.output, HasSubstr("sigma_t 131.2 / mm, albedo 0.99844, g 0"));
 }
 
-// Where the channels have paths of their own, as for a derivative in a light, a colour image has
-// what renders of the channels have, to the bit: lights and media in them.
+// If the channels have paths of their own, as for a derivative in a light, a colour image has what
+// renders of the channels have, to the bit: lights and media in them.
 TEST_F(RenderMaterial, InColourIsThreeChannels) {
   const auto with = [&](std::vector<std::string> flags) {
     flags.insert(flags.end(), {"--derivatives", "light[0].scale"});
@@ -189,8 +189,8 @@ TEST_F(RenderMaterial, InColourIsThreeChannels) {
   }
 }
 
-// Where that costs less, one render has all channels; of a thick medium whose channels differ, or
-// of several g, it does not.
+// One render has all channels where that costs less; of a thick medium whose channels differ, or of
+// several g, it does not.
 TEST_F(RenderMaterial, ChannelsShareTheirPaths) {
   const auto paths_of = [&](const std::vector<std::string>& flags) {
     const Finished done = render(flags);
@@ -246,7 +246,7 @@ TEST_F(RenderMaterial, OtherObjectsHaveTheirOwn) {
   const auto changed = [&](const std::string& from, const std::string& to) {
     return replaced(example, from, to);
   };
-  // Of the thing of skim milk, which is seen to the right.
+  // The ratio is that of the thing of skim milk, which is seen to the right.
   const auto red_over_blue = [&](const std::string& scene) {
     const Finished done = rendered(scene, {"--color"});
     EXPECT_EQ(done.exit_code, 0) << done.errors;

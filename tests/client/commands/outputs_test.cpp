@@ -224,7 +224,7 @@ TEST_F(Outputs, QuietShowsNoProgress) {
   }
 }
 
-// Of the server in the process, too, which stops with renders under way.
+// The server in the process is quiet, too, which stops with renders under way.
 TEST_F(Outputs, QuietLogsNothingWhenInterrupted) {
   Arguments command = render(scene(), folder_.path("out.exr"),
                              {"-q", "--film", "512x512", "--threads", "1"}, "1000000");
@@ -268,7 +268,7 @@ TEST(Programs, ItnRunsTheLearningOneBesideIt) {
   const Finished linked = run({folder.path("itn"), "train", "--print-config"});
   EXPECT_EQ(linked.exit_code, 0) << linked.errors;
   EXPECT_THAT(linked.output, HasSubstr("architecture"));
-  // As installed on a machine that has both, and on one that has not.
+  // The programs lie as installed on a machine that has both, and on one that has not.
   fs::remove(folder.path("itn"));
   fs::copy_file(testing::kItn, folder.path("itn"));
   const Finished alone = run({folder.path("itn"), "train", "data", "-o", "run"});

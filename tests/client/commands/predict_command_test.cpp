@@ -365,7 +365,7 @@ TEST_F(PhotographCommand, OfTheSameNameAreNotWrittenOverEachOther) {
            "--format", "pbrt", "-o", folder_.path("materials")});
   EXPECT_EQ(finished.exit_code, 2);
   EXPECT_THAT(finished.errors, AllOf(HasSubstr("would both be written to"), HasSubstr(other)));
-  // Of one image a folder is as good as a file.
+  // A folder is as good as a file for one image.
   EXPECT_EQ(predict({"--format", "pbrt", "-o", folder_.path("materials")}).exit_code, 0);
   EXPECT_TRUE(fs::exists(folder_.path("materials/photo.pbrt")));
   EXPECT_EQ(predict({"--format", "pbrt", "-o", folder_.path("none/photo.pbrt")}).exit_code, 4);
@@ -463,10 +463,10 @@ TEST_F(PredictCommand, WarnsOfAnImageThatIsLikeNoneOfItsTraining) {
 }
 
 TEST_F(PredictCommand, ExportsAModelWithoutItsTraining) {
-  // Of a weight, a checkpoint holds two numbers more.
+  // A checkpoint holds two numbers more of each weight.
   const auto whole = static_cast<double>(fs::file_size(shared_->path("first/checkpoint.itn")));
   EXPECT_LT(static_cast<double>(fs::file_size(model())), 0.6 * whole);
-  // Of a dataset it learns what images are like.
+  // It learns from a dataset what images are like.
   const Finished finished = run({testing::kItn, "export", model(), "-o", folder_.path("model.itn"),
                                  "--dataset", shared_->path("data")});
   EXPECT_EQ(finished.exit_code, 0) << finished.errors;

@@ -58,7 +58,7 @@ TEST(ShapesCommand, WritesRandomOnesAndContinues) {
   EXPECT_THAT(finished.output, HasSubstr("1 shapes written, 2 were there"));
   EXPECT_EQ(content(out + "/random-9-0.ply"), first);
   EXPECT_NE(content(out + "/random-9-1.ply"), first);
-  // Those of another seed are others, and may lie beside them.
+  // Shapes of another seed are others, and may lie beside them.
   ASSERT_EQ(shapes({"--random", "1", "-o", out}).exit_code, 0);
   EXPECT_NE(content(out + "/random-0-0.ply"), first);
   EXPECT_EQ(names_in(out).size(), 4U);

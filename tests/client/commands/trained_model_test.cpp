@@ -63,7 +63,7 @@ TEST(TrainedModel, GoesOnFromOneOfTheOtherExposure) {
   EXPECT_EQ(model_of(known).mean(0), model_of(unknown).mean(0)) << "its coordinates are another's";
 }
 
-// As itn 0.1 could begin one.
+// The run is one that itn 0.1 could begin.
 TEST(TrainedModel, OfAStreamIsWhatAnotherRunGoesOnFrom) {
   const TemporaryFolder folder;
   ASSERT_EQ(train(folder, "outdoor", "stream", {}).exit_code, 0);

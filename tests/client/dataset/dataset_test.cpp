@@ -98,7 +98,7 @@ TEST_F(DatasetFolder, ContinuesWhereItWasStopped) {
   const auto whole = files();
   fs::remove_all(folder_);
   expect_error(ErrorKind::kCancelled, "interrupted", [&] { render(plan_, 3); });
-  // As if it had been killed while it wrote a file.
+  // The folder looks as if it had been killed while it wrote a file.
   std::ofstream(folder_ / "images" / "000004.exr.1.tmp") << "half";
   const DatasetProgress progress = render(plan_);
   EXPECT_EQ(progress.kept, 3);
@@ -291,7 +291,7 @@ class DamagedDataset : public DatasetFolder {
     whole_ = contents(folder_);
   }
 
-  // Of every `stride`-th place.
+  // Damages every `stride`-th place.
   void damage(const std::string& name, size_t stride) const {
     const std::string bytes = files().at(name);
     for (size_t at = 0; at < bytes.size(); at += stride) {

@@ -146,7 +146,7 @@ const Numbers& outdoor_numbers() {
   return kNumbers;
 }
 
-// Of a thing with a surface, on squares, by a lamp.
+// Numbers of a thing with a surface, on squares, by a lamp.
 const Numbers& glossy_numbers() {
   static const Numbers kNumbers = {
       {"shape", [](const auto& i) { return std::stod(i.shape().substr(5)); }},
@@ -175,7 +175,7 @@ const Numbers& glossy_numbers() {
   return kNumbers;
 }
 
-// Of a studio with two soft boxes.
+// Numbers of a studio with two soft boxes.
 const Numbers& studio_numbers() {
   static const Numbers kNumbers = [] {
     Numbers numbers = {
@@ -418,7 +418,7 @@ TEST(DatasetPlan, SunAndSkyAreAsBrightAsAsked) {
   EXPECT_NEAR(sum / kItems, 0, 0.01);
 }
 
-// Where they have a size, they do not stand in the picture, and the others are where they were.
+// Lamps that have a size do not stand in the picture, and the others are where they were.
 TEST(DatasetPlan, LampsOfASizeAreDrawnOutOfThePicture) {
   v1::DatasetConfig config = training_alone("outdoor");
   config.clear_lights();
@@ -555,7 +555,7 @@ TEST(DatasetPlan, PosesComeAsOftenAsTheyWeighAndEveryOrientationIsAsLikely) {
       continue;
     }
     ++any;
-    // Where +y goes: as likely anywhere on the sphere.
+    // The direction of +y is as likely anywhere on the sphere.
     const double angle = item.rotation().angle_degrees() * std::numbers::pi / 180;
     const Vec3d k = normalize(Vec3d{axis.x(), axis.y(), axis.z()}), y{0, 1, 0};
     const Vec3d to = y * std::cos(angle) + cross(k, y) * std::sin(angle) +

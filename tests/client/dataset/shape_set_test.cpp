@@ -20,7 +20,7 @@ double thread_cpu_seconds() {
   return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
 }
 
-// Those built in are few and small: they are kept as they were written, not built again.
+// The built-in shapes are few and small: they are kept as they were written, not built again.
 TEST(BuiltinShapeSet, IsBuiltOnce) {
   const double start = thread_cpu_seconds();
   const ShapeSet set = builtin_shape_set();

@@ -16,7 +16,7 @@ namespace {
 
 constexpr double kStraightAngle = std::numbers::pi;
 
-// As the tracer sees it.
+// The light as the tracer sees it.
 tracer::Lights light_of(const v1::Pixels& pixels) {
   tracer::EnvironmentMapLight map;
   map.width = static_cast<int>(pixels.width());

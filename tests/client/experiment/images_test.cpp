@@ -53,7 +53,7 @@ TEST_F(ExperimentImagesTest, ComparesWithTheTruthInBothScenes) {
   // The novel scene is another one, and the same whatever the image was of.
   EXPECT_NE(study.reference(ExperimentScene::kSame, 0),
             study.reference(ExperimentScene::kNovel, 0));
-  // Those that are shown are kept.
+  // Images that are shown are kept.
   EXPECT_EQ(study.picture("wrong", ExperimentScene::kNovel, study.shown()[0]).size(), 256U);
 }
 

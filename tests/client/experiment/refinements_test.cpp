@@ -22,7 +22,7 @@ class ExperimentRefinementsTest : public SmallExperiment {
     return refine_images(experiment_.refinement(), *dataset_, test_, starts, files_->path(folder),
                          "start", *pool_, [](size_t, size_t) {}, {});
   }
-  // Of refined image k.
+  // The file of refined image k.
   static std::string file_of(size_t k) {
     return fmt::format("start_{:04}.textproto",
                        refined_images(experiment_.refinement(), test_.truth.size())[k]);

@@ -19,7 +19,7 @@ using ::testing::Not;
 
 void no_listener(size_t, size_t) {}
 
-// Of two networks: one that is right, one that is wrong. Neither was trained.
+// A report of two networks: one that is right, one that is wrong. Neither was trained.
 class ReportTest : public SmallExperiment {
  protected:
   static void SetUpTestSuite() {

@@ -142,7 +142,7 @@ TEST(Table3, HasErrorsByIteration) {
   const std::vector<Candidate> candidates = {network("not refined"), a};
   const Table table = table_3(test, candidates, settings);
   ASSERT_EQ(table.rows.size(), 1U);
-  // Of the refined images alone: their distances from the mean of all, 120, .7 and .4.
+  // The error of the refined images alone: their distances from the mean of all, 120, .7 and .4.
   const double start = (10 / std::sqrt((6400 + 10000) / 2.0) + 0.1 / 0.2 + 0.2 / 0.2) / 3;
   EXPECT_NEAR(value(table, "A", "Adam 1"), start, 1e-6);
   EXPECT_NEAR(value(table, "A", "Adam 9"), 0, 1e-6);

@@ -38,7 +38,7 @@ RenderedChange change(const std::function<double(int, int)>& per_deviation, doub
   return result;
 }
 
-// Where a pixel is, and on which of two faces, whose edge lies aslant.
+// The place of each pixel, and on which of two faces it is, whose edge lies aslant.
 std::vector<std::vector<float>> surface() {
   std::vector<std::vector<float>> planes(3);
   for (int y = 0; y < kSide; ++y) {
@@ -51,7 +51,7 @@ std::vector<std::vector<float>> surface() {
   return planes;
 }
 
-// Of three errors two change the image alike, and one does not.
+// Two of three errors change the image alike, and one does not.
 TEST(Disturbances, AreWhatChangesTheImage) {
   const auto slope = [](int x, int /*y*/) { return 0.001 * (x - 20); };
   const auto half_of_it = [&](int x, int y) { return -0.5 * slope(x, y); };
@@ -71,8 +71,8 @@ TEST(Disturbances, AreWhatChangesTheImage) {
       squares += std::pow(sign * plane - expected, 2) / ((kSide - 1) * kSide);
     }
   }
-  // Of the noise of four estimates, 0.05 2^1/2 / 4 / 2 = 0.009 at each pixel, what a few numbers of
-  // 1560 pixels are off by.
+  // The noise of four estimates is 0.05 2^1/2 / 4 / 2 = 0.009 at each pixel, and a few numbers of
+  // 1560 pixels are off by less.
   EXPECT_LT(std::sqrt(squares), 0.001);
   EXPECT_EQ(planes[0][3], 0) << "outside of the mask";
 }

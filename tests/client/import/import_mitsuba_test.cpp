@@ -47,7 +47,7 @@ Message from_text(const std::string& text) {
   parse_text_proto(text, "expected", message);
   return message;
 }
-// As text, to six digits or so of what floats hold.
+// Text holds six digits or so of what floats hold.
 void expect_near(const v1::Vec3& a, double x, double y, double z) {
   EXPECT_NEAR(a.x(), x, 1e-5);
   EXPECT_NEAR(a.y(), y, 1e-5);
@@ -297,7 +297,7 @@ TEST_F(ImportMitsuba, ReadsOldNames) {
                                         "0.5.0");
   const v1::Scene& scene = imported.scene;
   EXPECT_EQ(scene.object().mesh().builtin(), "cube");
-  // Of 2 mm, around (0, 1, 0), turned by a quarter.
+  // The matrix has 2 mm, around (0, 1, 0), turned by a quarter.
   const auto& m = scene.object().mesh().transforms(0).matrix().m();
   EXPECT_THAT(std::vector<float>(m.begin(), m.end()),
               ElementsAre(0, 0, 2, 0, 0, 2, 0, 0, -2, 0, 0, 0, 0, 0, 0, 1));
@@ -378,7 +378,7 @@ TEST_F(ImportMitsuba, ReadsSurfacesAndLamps) {
       3);
 }
 
-// Where the zenith of a sky is +z, the world is turned.
+// The world is turned if the zenith of a sky is +z.
 TEST_F(ImportMitsuba, PutsSkiesOverY) {
   const v1::Scene scene = import(R"(
       <emitter type="sky"><vector name="sun_direction" value="0, 1, 1"/></emitter>

@@ -126,7 +126,7 @@ TEST_F(PhotographInput, FindsTheMask) {
   mask("masks/photo.png");
   folder.mask = folder_.path("masks");
   EXPECT_EQ(load_photograph(photo, folder).photograph.mask, expected.mask);
-  // As alpha.
+  // The mask as alpha.
   const std::string transparent = exr("transparent.exr", [](Image& image) {
     for (int i = 0; i < kWidth * kHeight; ++i) {
       image.channels["A"].push_back(on_object(i % kWidth, i / kWidth) ? 1.0F : 0.0F);
@@ -183,7 +183,7 @@ TEST_F(PhotographInput, SeesThatAMaskIsInvertedWithinAFrame) {
                [&] { load_photograph(exr("photo.exr"), options); });
 }
 
-// As Blender writes them, with the object where alpha is 1.
+// Layers as Blender writes them, with the object where alpha is 1.
 TEST_F(PhotographInput, TakesTheAlphaOfItsLayer) {
   const std::string photo = exr("blender.exr", [](Image& image) {
     std::vector<float> alpha;

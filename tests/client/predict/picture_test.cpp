@@ -44,7 +44,7 @@ PredictInput photograph(const std::vector<float>& colour) {
   return input;
 }
 
-// Of the object alone, so many times as bright as the photograph.
+// A render of the object alone, so many times as bright as the photograph.
 std::vector<float> render_of(const PredictInput& input, float factor) {
   std::vector<float> result = input.photograph.pixels;
   const size_t channels = result.size() / input.photograph.mask.size();
@@ -105,7 +105,7 @@ TEST(PredictPicture, ShowsARerenderingAndItsDifference) {
   EXPECT_THAT(same[1].pixels, Each(kWhite)) << "what is outside of the mask is not compared";
   EXPECT_EQ(rerendered_panels(input, render_of(input, 3))[1].pixels[at(3, 3)], kRed);
   EXPECT_EQ(rerendered_panels(input, render_of(input, 0))[1].pixels[at(3, 3)], kBlue);
-  // Where there should be no object.
+  // It shows an object where there should be none.
   std::vector<float> larger = render_of(input, 1);
   for (size_t c = 0; c < 3; ++c) larger[3 * at(1, 1) + c] = 2;
   EXPECT_EQ(rerendered_panels(input, larger)[1].pixels[at(1, 1)], kRed);
@@ -118,7 +118,7 @@ TEST(PredictPicture, BringsARerenderingToTheScaleOfThePhotograph) {
   EXPECT_EQ(rerendered_panels(input, render_of(input, 12))[1].pixels[at(3, 3)], kRed);
   input.capture.set_encoded(true);
   EXPECT_EQ(rerendered_panels(input, render_of(input, 12))[1].pixels[at(3, 3)], kRed);
-  // Of unknown scale: the means are made equal.
+  // The scale is unknown: the means are made equal.
   input.capture.clear_exposure();
   EXPECT_THAT(rerendered_panels(input, render_of(input, 12))[1].pixels, Each(kWhite));
 }

@@ -35,7 +35,8 @@ bool has(const v1::RefinedParameter& p, double truth) {
   return p.low_95() <= truth && truth <= p.high_95();
 }
 
-// Of so many draws 95 %, give or take four standard deviations of the binomial distribution.
+// Expects 95 % of so many draws, give or take four standard deviations of the binomial
+// distribution.
 void expect_covered(std::span<const int> inside, int draws) {
   const double sigma = std::sqrt(0.95 * 0.05 / draws);
   for (const int count : inside) EXPECT_NEAR(static_cast<double>(count) / draws, 0.95, 4 * sigma);
@@ -185,8 +186,8 @@ TEST(Refinement, SaysThatItWasOnItsWay) {
   }
 }
 
-// Where hardly anything is absorbed, noise of the renders moves the albedo as far as it is
-// uncertain: iterations go nowhere then, and the intervals hold the truth.
+// If hardly anything is absorbed, noise of the renders moves the albedo as far as it is uncertain:
+// iterations go nowhere then, and the intervals hold the truth.
 TEST(Refinement, IsNotOnItsWayWhereNoiseMovesIt) {
   constexpr int kImages = 100;
   constexpr Material kBright{60, 0.998, 0.3};
@@ -206,7 +207,7 @@ TEST(Refinement, IsNotOnItsWayWhereNoiseMovesIt) {
   expect_covered({&inside, 1}, kImages);
 }
 
-// Of 200 images, each with noise of its own, 95 % of the intervals have the truth, give or take
+// 95 % of the intervals of 200 images, each with noise of its own, have the truth, give or take
 // four standard deviations of the binomial distribution: 1.54 % each.
 TEST(Refinement, IntervalsCoverTheTruth) {
   constexpr int kImages = 200;
@@ -225,8 +226,8 @@ TEST(Refinement, IntervalsCoverTheTruth) {
   expect_covered(inside, kImages);
 }
 
-// Where the renders that are allowed hardly tell g, chance must not make it look as if they did,
-// and no run may stray along the ridge, or be long about it.
+// If the renders that are allowed hardly tell g, chance must not make it look as if they did, and
+// no run may stray along the ridge, or be long about it.
 TEST(Refinement, IntervalsCoverTheTruthOnTheSimilarityRidge) {
   constexpr int kImages = 100;
   SyntheticModel model(1);
@@ -259,7 +260,8 @@ TEST(Refinement, FindsAnUnknownExposureToo) {
   EXPECT_LT(r.exposure().standard_deviation(), 0.5);
 }
 
-// As IntervalsCoverTheTruth, with an index that is elsewhere than in the scene, and an exposure.
+// The same as IntervalsCoverTheTruth, with an index that is elsewhere than in the scene, and an
+// exposure.
 TEST(Refinement, FindsAnUnknownOfTheSceneToo) {
   constexpr int kImages = 100;
   constexpr double kIndex = 1.3, kExposure = 2.5;
@@ -403,8 +405,8 @@ TEST(Refinement, DisturbancesLeaveTheMaterialAlone) {
   EXPECT_LT(inside_without, kImages * 3 / 4);
 }
 
-// Where differences hang together over more than the squares that count as one, of half that side,
-// intervals know it.
+// Intervals know where differences hang together over more than the squares that count as one, of
+// half that side.
 TEST(Refinement, IntervalsKnowWhatHangsTogetherOverSquares) {
   constexpr int kImages = 100;
   constexpr size_t kSide = SyntheticModel::kSide, kAlike = 4;
@@ -553,7 +555,7 @@ TEST(Refinement, SaysThatTooFewPixelsCount) {
   };
   const char* const few = "too few for the intervals to hold";
   EXPECT_THAT(remarks(1), Not(::testing::HasSubstr(few)));
-  // Of 20 x 20 pixels.
+  // The image has 20 x 20 pixels.
   EXPECT_THAT(remarks(7), ::testing::HasSubstr("9 independent squares of pixels count, for 3"));
 }
 

@@ -77,12 +77,12 @@ TEST(Region, HasTheTruthAsOftenAsItSays) {
   EXPECT_EQ(told.unbounded, 0);
 }
 
-// As along the similarity ridge: now the curvature is large by chance, and now it is none.
+// It is as along the similarity ridge: now the curvature is large by chance, and now it is none.
 TEST(Region, HasTheTruthWhereTheCurvatureIsHardlyMoreThanNoise) {
   for (const double strength : {0.0, 1.0, 3.0}) {
     const Coverage told = coverage(strength);
     for (const double inside : told.inside) EXPECT_GE(inside, 0.95 - 4 * kSigma) << strength;
-    // Where there is nothing to be told, that is what is told.
+    // If there is nothing to be told, that is what is told.
     if (strength < 2) {
       EXPECT_GT(told.unbounded, 0.5) << strength;
     }

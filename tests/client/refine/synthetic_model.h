@@ -108,7 +108,7 @@ class SyntheticModel {
         const double exact = radiance(p, m, index), off = gaussian();
         estimate.radiance.push_back(static_cast<float>(exact * (1 + noise * off)));
         for (size_t i = 0; i < 4; ++i) {
-          // As in a render, what makes a sample bright makes its derivative large.
+          // What makes a sample bright makes its derivative large, as in a render.
           const double scale = i == 0 ? exact / m.sigma_t : exact;
           estimate.derivatives[i].push_back(static_cast<float>(
               derivative(p, m, i, index) + 2 * scale * noise * (off + gaussian())));

@@ -54,7 +54,7 @@ bool is_ready(const Future& future) {
   return future.wait_for(0s) == std::future_status::ready;
 }
 
-// Of workers a, b, ..., all up.
+// Dispatches to workers a, b, ..., all up.
 class DispatcherTest : public ::testing::Test {
  protected:
   Dispatcher& workers(size_t count) {

@@ -103,7 +103,7 @@ TEST(RenderPool, GivesTheSameBytesInEveryArrangement) {
   EXPECT_EQ(two.parallelism(), 2 * one.parallelism());
 }
 
-// Of several tiles.
+// A job of several tiles.
 RenderJob large_job() {
   RenderJob job;
   job.scene = serialize(cube_scene(50, 40));

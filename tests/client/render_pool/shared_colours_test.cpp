@@ -20,7 +20,7 @@ bool pays(const std::string& medium, double mm) {
   return shared_paths_pay(media, mm);
 }
 
-// As tests/bench measured it: tracer_bench colours.
+// The costs are those that tracer_bench colours measured.
 TEST(SharedPaths, PayUnlessLightScattersOftenByOtherCoefficients) {
   EXPECT_TRUE(pays("marble", 30));
   EXPECT_TRUE(pays("skin1", 30));

@@ -129,8 +129,7 @@ TEST(WorkerList, SaysWhatAFileSaysNow) {
   EXPECT_THAT(list.unresolved(), HasSubstr("no such file yet"));
 }
 
-// As certificates that are replaced at that moment: nothing changes in the list when they are
-// there.
+// Certificates may be replaced at that moment: nothing changes in the list when they are there.
 TEST(WorkerList, TellsAgainWhatWasNotTaken) {
   const testing::CapturedLog log;
   const TemporaryFolder folder;

@@ -141,7 +141,7 @@ TEST(Evaluation, DetailsAreThoseOfEstimatesThatAreKnown) {
   v1::Evaluation::Row row;
   set_details(estimates, images, row);
   EXPECT_NEAR(row.relative().sigma_t(), std::sqrt((0.25 + 0.25 + 1) / 3), 0.01);
-  // Of draws of three shapes some have only the last, and more only the others.
+  // Some draws of three shapes have only the last, and more only the others.
   EXPECT_NEAR(row.relative_sigma_t().min(), 0.5, 1e-9);
   EXPECT_GT(row.relative_sigma_t().max(), 0.85);
   EXPECT_EQ(row.coverage().sigma_t(), 1);

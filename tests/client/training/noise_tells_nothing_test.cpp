@@ -203,7 +203,7 @@ double z_of_g(const Answers& answers) {
   return mean / std::sqrt((mean_square - mean * mean) / count);
 }
 
-// Of a network that knows nothing of g, z is a standard normal number, or above it as far as it has
+// If a network knows nothing of g, z is a standard normal number, or above it as far as it has
 // learned the training images by heart: below kSignificant once in 2,000 times. At equal samples
 // the logarithm of the noise has a correlation of .75 with g (measured): whoever reads it has
 // squared errors that are smaller by about half the variance of g, with a standard deviation of .85

@@ -100,7 +100,7 @@ class OutlierFit : public ::testing::Test {
     return world_->test_inputs->batch(items);
   }
 
-  // Those images with another luminance.
+  // The images with another luminance.
   template <typename Change>
   static ImageBatch changed(const Change& change) {
     ImageBatch images = test_images();
@@ -116,7 +116,7 @@ class OutlierFit : public ::testing::Test {
     return outliers / static_cast<double>(estimates.size());
   }
 
-  // As bright as a photograph's white.
+  // Images as bright as a photograph's white.
   static torch::Tensor white(const ImageBatch& images) {
     return (images.luminance * images.mask).flatten(1).quantile(0.99, 1).view({-1, 1, 1});
   }
@@ -177,7 +177,7 @@ TEST_F(OutlierFit, DoesWithoutNoisyImages) {
             measure_outlier_model(world_->model, training, {})->SerializeAsString());
 }
 
-// Of the 288 validation images, which are enough.
+// The widths are those of the 288 validation images, which are enough.
 TEST_F(OutlierFit, ACompleteModelKnowsItsWidthsToo) {
   ASSERT_TRUE(world_->model.has_calibration());
   v1::Model again = world_->model;

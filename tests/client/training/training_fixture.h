@@ -134,7 +134,7 @@ class TrainingTest : public ::testing::Test {
     return result;
   }
 
-  // Of the steps of a training with the image term alone: the network finds materials that
+  // Losses of the steps of a training with the image term alone: the network finds materials that
   // reproduce the images.
   std::vector<double> image_losses_alone(v1::TrainingConfig c, const v1::Model& from) const {
     c.set_lambda(1e6);

@@ -160,7 +160,7 @@ TEST(ValidateClosed, PartsThatOverlapAreRefusedInAnyOrder) {
   refused("around", box({-1, -1, -1}, {2, 2, 2}));
 }
 
-// Where they do: two boxes side by side, of which each reaches into the other.
+// Solids may overlap: two boxes side by side, of which each reaches into the other.
 TEST(ValidateClosed, OverlapIsNamedWhereItIs) {
   const Mesh both = together(box({-0.5, 0, -0.5}, {0.5, 1, 0.5}), box({0, 0, -0.5}, {1, 1, 0.5}));
   try {
@@ -445,7 +445,7 @@ std::string prism(const std::vector<std::array<double, 2>>& base) {
   return obj + bottom + "\n" + top + "\n" + sides;
 }
 
-// As editors and other programs write them.
+// Files as editors and other programs write them.
 TEST(MeshFileTest, ReadsByteOrderMarksCapitalsAndWordsApart) {
   const TemporaryFolder folder;
   const Mesh obj =

@@ -44,8 +44,8 @@ TEST(RandomShape, IsAWholeSolidForEverySeed) {
   EXPECT_EQ(volumes.size(), kShapes);
 }
 
-// As of the built-in shapes, but of many: points right behind the surface that it winds around
-// twice, or right in front of it that it winds around at all, may be two in a thousand.
+// The same of many shapes as of the built-in ones: points right behind the surface that it winds
+// around twice, or right in front of it that it winds around at all, may be two in a thousand.
 TEST(RandomShape, HardlyEverCutsThroughItself) {
   size_t points = 0, wrong = 0;
   for (uint64_t i = 0; i < 60; ++i) {

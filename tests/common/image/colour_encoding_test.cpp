@@ -98,7 +98,7 @@ TEST(ColourEncoding, ProfilesOfSrgbChangeNothing) {
             decode_photograph(without, "b").image.channels);
 }
 
-// Of floating-point numbers as of integers; what is said by hand, too.
+// Floating-point numbers are decoded as integers are; what is said by hand, too.
 TEST(ColourEncoding, FloatsMayBeEncoded) {
   const auto encoded = srgb_of(0.5, 0.25, 0.125);
   const std::string with =

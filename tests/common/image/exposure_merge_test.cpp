@@ -40,7 +40,7 @@ std::vector<double> scene() {
 
 using Curve = std::function<double(double)>;  // encoded value of light, both in [0, 1]
 
-// As a film: steep where it is dark, bent where it is light.
+// The curve of a film: steep where it is dark, bent where it is light.
 double film(double light) {
   return std::sqrt((1 - std::exp(-2.5 * light)) / (1 - std::exp(-2.5)));
 }
@@ -97,8 +97,8 @@ struct Ratio {
   double greatest = 0;  // distance from it
 };
 
-// Of the merged image to the truth, where an exposure shows the light neither at the ends of its
-// range nor next to them.
+// The ratio of the merged image to the truth, where an exposure shows the light neither at the ends
+// of its range nor next to them.
 Ratio ratio_to(const std::vector<double>& radiance, const Image& image, const Bracket& taken,
                const Curve& curve) {
   std::vector<double> ratios;
@@ -184,7 +184,7 @@ TEST(ExposureMerge, LinearFilesNeedNoResponse) {
   EXPECT_EQ(merge.clipped_count(), 0U) << "the brightest pixel of a linear file is not clipped";
 }
 
-// Where many have one value, and no other is above it, a linear file ends.
+// A linear file ends where many have one value, and no other is above it.
 TEST(ExposureMerge, LinearFilesEndAtAPlateau) {
   std::vector<float> bright(40, 0.7F), dark(40, 0.5F);
   bright[0] = dark[0] = 0.1F;

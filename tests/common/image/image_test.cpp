@@ -86,7 +86,8 @@ TEST(Exr, SameImageSameBytes) {
   EXPECT_EQ(bytes("a.exr"), bytes("b.exr"));
 }
 
-// As other programs write them: several types, and a data window that does not start at (0, 0).
+// Files as other programs write them: several types, and a data window that does not start at (0,
+// 0).
 TEST(Exr, ReadsHalfAndIntegerChannelsOfAnyDataWindow) {
   const TemporaryFolder folder;
   const auto path = folder.path() / "mixed.exr";

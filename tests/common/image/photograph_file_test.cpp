@@ -51,7 +51,7 @@ std::string big(uint32_t value, int bytes = 4) {
   return text;
 }
 
-// As OpenImageIO writes it: `format` is its extension.
+// The file that OpenImageIO writes: `format` is its extension.
 std::string encoded(const Content& content, const std::string& format,
                     OIIO::TypeDesc type = OIIO::TypeDesc::UINT8,
                     const std::vector<std::pair<std::string, float>>& attributes = {}) {
@@ -157,7 +157,7 @@ const std::vector<FormatRow> kFormats{
 
 class FormatTest : public ::testing::TestWithParam<FormatRow> {
  protected:
-  // Of 64 x 48, and more than 64 x 64 for the blocks of HEIC.
+  // The sides are above 64 x 48, and above 64 x 64 for the blocks of HEIC.
   Content content_ = ramp(80, 72, GetParam().channels);
   std::string bytes_ = encoded(content_, GetParam().extension, GetParam().type);
 };
@@ -198,7 +198,7 @@ TEST_P(FormatTest, CutShortIsAnError) {
       decode(bytes_.substr(0, size));
       ADD_FAILURE() << "it was read";
     } catch (const Error& error) {
-      // Of two or three bytes nobody can tell what they were the beginning of.
+      // Nobody can tell what two or three bytes were the beginning of.
       EXPECT_TRUE(size <= 16 || error.kind() == ErrorKind::kDataLoss) << error.what();
       EXPECT_THAT(error.what(), ::testing::HasSubstr("photo"));
     }
@@ -322,7 +322,7 @@ TEST(PhotographFile, BelievesAFileThatSaysItIsLinear) {
   });
 }
 
-// As Radiance has it: the first axis is that of the lines, values were multiplied by the exposure.
+// The way of Radiance: the first axis is that of the lines, values were multiplied by the exposure.
 TEST(PhotographFile, ReadsRadianceAsItIsMeant) {
   const auto of = [](const std::string& size, const std::string& header = "") {
     std::string bytes = "#?RADIANCE\n" + header + "FORMAT=32-bit_rle_rgbe\n\n" + size + "\n";
@@ -416,7 +416,7 @@ TEST(PhotographFile, ReadsWhatTheCameraSays) {
     std::string bytes = encoded(
         ramp(64, 64, 3), format, OIIO::TypeDesc::UINT8,
         {{"ExposureTime", 0.0125F}, {"FNumber", 2.8F}, {"Exif:PhotographicSensitivity", 200.0F}});
-    // Of HEIC it leaves out where the header is, which is behind these six letters.
+    // It leaves out where the header of HEIC is, which is behind these six letters.
     const size_t exif = bytes.find("Exif\0\0MM"s);
     if (format == "heic"s) bytes.replace(exif - 4, 4, big(6));
     const PhotographFile file = decode(bytes);
@@ -537,7 +537,7 @@ const std::vector<BadFile> kBadFiles{
      float_tiff(uint32_t{7}),
      ErrorKind::kInvalidInput,
      {"of type uint;", "8 or 16 bits"}},
-    // Of absurd size: a header and next to nothing behind it.
+    // Files of absurd size: a header and next to nothing behind it.
     {"png_of_exabytes",
      png_claim(1'000'000'000, 1'000'000'000),
      ErrorKind::kInvalidInput,

@@ -115,7 +115,7 @@ TEST(Capture, WarnsOfWhatIsLost) {
   const auto all = warnings(picture(32, 1).view(), capture, model)[0];
   EXPECT_THAT(kinds(all), ElementsAre(v1::Warning::CLIPPED, v1::Warning::ENCODED));
   EXPECT_THAT(all[0].text(), HasSubstr("12 % of the object"));
-  // Where the scale counts, so does the curve.
+  // The curve counts where the scale does.
   EXPECT_THAT(all[1].text(), Not(HasSubstr("misleads")));
   capture.set_exposure(1);
   const auto scaled = warnings(picture(32, 1).view(), capture, model_of(v1::EXPOSURE_KNOWN))[0];

@@ -81,7 +81,7 @@ TEST_F(ModelFiles, ThatAreMissingAreSaidTo) {
                [] { find_model("outdoors"); });
 }
 
-// As built and as installed: bin/PROGRAM, share/itn/models.
+// Models lie as built or as installed: bin/PROGRAM, share/itn/models.
 TEST(ModelsFolder, IsBesideTheProgram) {
   EXPECT_EQ(models_folder().filename(), "models");
   EXPECT_EQ(models_folder().parent_path().parent_path().parent_path(),

@@ -91,7 +91,7 @@ TEST(OutlierModel, IsPartOfTheReply) {
   EXPECT_TRUE(reply.caveats(0).outlier().is_outlier());
   EXPECT_GT(reply.caveats(0).outlier().score(), 1);
   EXPECT_NE(reply.caveats(0).outlier().reason(), "");
-  // Of a model that has none there is nothing to say.
+  // There is nothing to say of a model that has none.
   Predictor without(residual_model());
   EXPECT_FALSE(to_reply(without.estimate(proper), without.version()).caveats(0).has_outlier());
 }
@@ -171,13 +171,13 @@ TEST(ImageStatistics, AreThoseOfAnImageThatIsKnown) {
                 .max()
                 .item<double>(),
             1e-4);
-  // Of a white disc: ln of 1, of nothing (as small as it gets), and of the area.
+  // The numbers of a white disc: ln of 1, of nothing (as small as it gets), and of the area.
   const torch::Tensor white = image_statistics(model, of_luminance(images, images.mask.clone()))[0];
   EXPECT_NEAR(white[3].item<double>(), 0, 1e-6);
   EXPECT_NEAR(white[9].item<double>(), std::log(0.003), 1e-6);
   EXPECT_NEAR(std::exp(white[12].item<double>()), images.mask[0].mean().item<double>(), 1e-6);
   EXPECT_NEAR(white[13].item<double>(), 0, 1e-6);
-  // Of nothing at all there are numbers, too.
+  // There are numbers of nothing at all, too.
   EXPECT_TRUE(image_statistics(model, of_luminance(images, 0 * images.luminance))
                   .isfinite()
                   .all()

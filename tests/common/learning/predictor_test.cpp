@@ -455,7 +455,7 @@ TEST(Predictor, SaysWhereItReachesTheEndOfWhatItCanAnswer) {
               ::testing::ElementsAre(v1::SIGMA_T_MIN, v1::ALBEDO_MAX));
 }
 
-// Of a distribution it is the interval that counts.
+// It is the interval that counts of a distribution.
 TEST(Predictor, SaysWhichIntervalsReachTheEndOfWhatItCanAnswer) {
   const Pixels image = disc(32, 32, 1, 16, 16, 10.8);
   v1::Model model = residual_model();

@@ -103,7 +103,7 @@ TEST_F(CertificatesTest, AreInTime) {
   other.let_server_expire();
   expect_refusal(ErrorKind::kInvalidInput, {"server.pem has expired: it was valid until 20", "UTC"},
                  {other.path("server.pem"), other.path("server.key"), ""});
-  // Of several authorities, one must be.
+  // One of several authorities must be.
   other.shell("cat server.pem ca.pem >both.pem");
   EXPECT_NO_THROW(read_certificates({"", "", other.path("both.pem")}, Side::kServer));
   expect_refusal(ErrorKind::kInvalidInput, {"server.pem has expired"},

@@ -176,7 +176,7 @@ TEST(JobQueue, KeepsNoneOfManyFreePlaces) {
   for (int i = 0; i < 7; ++i) places.push_back(queue.admit(client("another")));
 }
 
-// Of who was refused, few may ever come again.
+// Few of those who were refused may ever come again.
 TEST(JobQueue, KeepsNoThreadForWhoIsToComeAgain) {
   JobQueue queue(1, 4);
   Blocker blocker(queue);
@@ -247,8 +247,8 @@ TEST(JobQueue, TakesTurnsOfClientsAndThenOfTheirConnections) {
   EXPECT_EQ(ledger.ran(), "x1 y x2 y x3 x1 x2 x1 ");
 }
 
-// Of more than a thousand, the one who was served longest ago counts as new; the others keep their
-// turns.
+// If there are more than a thousand, the one who was served longest ago counts as new; the others
+// keep their turns.
 TEST(JobQueue, RemembersTheLatestThousandClients) {
   JobQueue queue(1, 5);
   const auto serve = [&](const std::string& name) {

@@ -23,7 +23,7 @@ TEST(ShutdownSignal, TheSecondEndsTheProcessAndSaysSo) {
   EXPECT_EXIT(interrupted_twice(), ::testing::ExitedWithCode(130), "interrupted again");
 }
 
-// As a shell sends it to the process, and to its group.
+// A shell sends it to the process, and to its group.
 TEST(ShutdownSignal, TwoAtOnceAreOne) {
   const auto interrupted = [] {
     ShutdownSignal signal;

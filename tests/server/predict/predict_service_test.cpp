@@ -61,7 +61,7 @@ void write_model(const std::filesystem::path& path, const v1::Model& model) {
   write_checkpoint(path, checkpoint);
 }
 
-// Of the same network, with other weights: each number answers otherwise.
+// A model of the same network with other weights: each number answers otherwise.
 v1::Model variant(int number) {
   v1::Model model = small_model();
   const Encoder encoder = load_encoder(model);

@@ -346,7 +346,8 @@ TEST(RenderService, RefusesDerivativesThatTheSceneDoesNotHave) {
   EXPECT_THAT(message("surface.reflectance"), HasSubstr("surface[K].reflectance"));
 }
 
-// Of the weighted sum of the images that the same request has, in the same order.
+// The gradient is that of the weighted sum of the images that the same request has, in the same
+// order.
 TEST(RenderService, AnswersWithAGradient) {
   RenderServer server(one_thread());
   Client client(server.in_process_channel());

@@ -151,7 +151,7 @@ void add_other(v1::Scene& scene, double x) {
 // An answer depends on the request alone, whatever of its scene was compiled for others.
 TEST(SceneCache, RendersAreTheSameWhateverIsHeld) {
   SceneCache warm(size_t{1} << 30);
-  // And where another object stands, 0: none.
+  // The last number says where another object stands, 0: none.
   for (const auto& [size, turn, azimuth, other_x] :
        {std::array{1.0, 0.0, 0.0, 0.0}, std::array{1.0, 40.0, 0.0, 0.0},
         std::array{1.0, 40.0, 70.0, 0.0}, std::array{2.0, 40.0, 70.0, 0.0},

@@ -749,7 +749,7 @@ TEST(RequestBuilder, HasTheDocumentedDefaults) {
   EXPECT_TRUE(built.derivatives.empty());
 }
 
-// As floats, in which they come.
+// Numbers come as floats.
 TEST(RequestBuilder, TakesRangesToTheirEnds) {
   const auto check = [](const std::string& text) {
     v1::RenderGradRequest request = request_of_any_scene();

@@ -130,7 +130,7 @@ TEST(BoundaryTest, ReflectsBetweenTwoMirrors) {
   }
 }
 
-// Where nothing is lost, all has the light's radiance, however the boundary mirrors or refracts.
+// If nothing is lost, all has the light's radiance, however the boundary mirrors or refracts.
 TEST(BoundaryTest, AnObjectVanishesInAFurnace) {
   for (const Boundary& boundary :
        {Boundary(PartialMirror{.reflected = 0.5F}), Boundary(Dielectric{1}),
@@ -527,7 +527,7 @@ class RefractedShadowRays : public ::testing::TestWithParam<const char*> {
     scene.lights = std::move(lights);
     return scene;
   }
-  // Of such a radiance.
+  // Lamps of such a radiance.
   static std::vector<LightDescription> lamps(double radiance) {
     return {SphereLight{{0.6, 1.2, -0.9}, 0.3, radiance},
             PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {-0.1, 0.1, 0.2}, radiance}};
@@ -630,7 +630,7 @@ TEST(DielectricTest, LampsMayBeSmall) {
   }
 }
 
-// Where the microfacets are nearly level, it is smooth.
+// It is smooth where the microfacets are nearly level.
 TEST(RoughDielectricTest, WithoutRoughnessIsSmooth) {
   SceneDescription description = knot_on_ground(ConstantLight{1});
   description.boundary = RoughDielectric{1.5F, 0.005F};
@@ -671,7 +671,7 @@ TEST(RoughDielectricTest, TheDerivativeInRoughnessEqualsFiniteDifferences) {
         kRoughness, {.material = {5, 0.6, 0.3}, .sample_count = single_scattering ? 2048U : 1024U},
         32, 0.04F, [&](float by) { return rough_knot(1.4F, kAlpha + by, single_scattering); });
     expect_equal(film.derivatives[0], expected, 2, "d / d roughness");
-    // Where no light is lost, hardly any is won or lost by roughness: 2 % of the image.
+    // If no light is lost, hardly any is won or lost by roughness: 2 % of the image.
     const double scale = single_scattering ? expected.mean : film.radiance.mean / double{kAlpha};
     expect_resolution(film.derivatives[0], scale, 0.02, "d / d roughness");
     expect_resolution(expected, scale, 0.03, "differences");

@@ -1,4 +1,5 @@
-// Where points of the scene are seen: the pinhole, its crops, and the distortion of a lens.
+// Tests of where points of the scene are seen: the pinhole, its crops, and the distortion of a
+// lens.
 #include "server/tracer/scene/camera.h"
 
 #include <gtest/gtest.h>
@@ -21,8 +22,8 @@ CameraDescription tilted() {
   return {.origin = {1, 2, 3}, .target = {1.5, 2.2, 1}, .up = {0.1, 1, 0}, .fov = 1};
 }
 
-// As OpenCV's projectPoints, with a focal length f in pixels: (c_x + f x d, c_y + f y d), where d
-// is the distortion. In a frame of its own, that of `tilted`.
+// The place that OpenCV's projectPoints has, with a focal length f in pixels: (c_x + f x d, c_y + f
+// y d), where d is the distortion. In a frame of its own, that of `tilted`.
 std::array<double, 2> seen_at(const CameraDescription& camera, Vec3d point) {
   const Vec3d forward = itn::normalize(camera.target - camera.origin);
   const Vec3d right = itn::normalize(cross(forward, camera.up));

@@ -42,7 +42,8 @@ TEST(BeerLambertTest, LightIsDimmedAlongTheChord) {
   }
 }
 
-// Where hardly anything happens: T = 1 - sigma_t d + ..., and the derivative is the chord, -d.
+// The limit where hardly anything happens: T = 1 - sigma_t d + ..., and the derivative is the
+// chord, -d.
 TEST(BeerLambertTest, DerivativeOfAThinMedium) {
   SceneDescription description;
   description.object = box({-0.5F, 0, -0.5F}, {0.5F, 0.01F, 0.5F});

@@ -168,7 +168,7 @@ TEST(ColoursTest, BehindASmoothBoundary) {
                               160, 160);
 }
 
-// Where all are the same, so are their images, whichever medium the paths fly by.
+// If all media are the same, so are their images, whichever medium the paths fly by.
 TEST(ColoursTest, AlikeAreOne) {
   const Material material{9, 0.8, 0.3};
   RenderRequest request = request_for({material, material, material});

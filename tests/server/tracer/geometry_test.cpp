@@ -170,7 +170,7 @@ TEST_P(GeometryTest, StandingOnTheFloor) {
   ASSERT_EQ(to_floor.end, End::kSurface);
   EXPECT_NEAR(to_floor.at.position.y, 0, 1e-7);
   EXPECT_NEAR(to_floor.medium_length, 1 / -down.y, 1e-5);
-  // And up again, whichever of the two coincident planes was met first.
+  // The line goes up again, whichever of the two coincident planes was met first.
   const RayResult up = geometry.follow(to_floor.at, {0, 1, 0}, kInfinity);
   EXPECT_EQ(up.end, End::kEscaped);
   EXPECT_NEAR(up.medium_length, 2, 1e-5);
@@ -463,8 +463,8 @@ TEST(FacetsTest, KnowWhatIsAroundThem) {
   }
 }
 
-// Of a cube, its sides' but near the edges; of a ball, those of a place that is not much farther
-// away than the nearest, as depths are not.
+// The normals of a cube are its sides' but near the edges; of a ball, those of a place that is not
+// much farther away than the nearest, as depths are not.
 TEST(CellNormalsTest, FaceAsTheBoundaryNearby) {
   for (const char* shape : {"cube", "sphere"}) {
     const Mesh mesh = make_shape(shape);

@@ -46,7 +46,7 @@ SceneDescription lit_by(const EnvironmentMapLight& map) {
   return scene;
 }
 
-// Of both signs, and 0.
+// Weights of both signs, and 0.
 std::vector<float> weights_of(const Scene& scene) {
   std::vector<float> weights(static_cast<size_t>(scene.width()) * scene.height());
   for (size_t p = 0; p < weights.size(); ++p) {
@@ -169,7 +169,7 @@ TEST_P(NormalGradient, EqualsFiniteDifferences) {
   }
 }
 
-// Those that the smooth angle makes, given instead of it.
+// The normals that the smooth angle makes are given instead of it.
 TEST(GradientTest, GivenNormalsAreTakenAsTheyAre) {
   SceneDescription by_angle = rough_scene("smooth"), given = by_angle;
   given.corner_normals = CornerNormals(given.object, {{0, given.smooth_angle}}).by_triangle();

@@ -259,8 +259,8 @@ double cpu_seconds(clockid_t clock) {
   return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
 }
 
-// Of its own processor time, what a thread spends in `work` from a stop, asked for after `after`
-// seconds of it, until it has ended. Below 0 if it ended before.
+// The processor time that a thread spends in `work` from a stop, asked for after `after` seconds of
+// it, until it has ended. Below 0 if it ended before.
 double time_to_stop(double after, const std::function<void(std::stop_token)>& work) {
   std::atomic<bool> started = false, ended = false;
   double end = 0;

@@ -164,7 +164,7 @@ void expect_irradiance(const LightDescription& lamp, double expected, const char
   }
 }
 
-// As long as it is above the horizon, a sphere is as bright as a point in its middle.
+// A sphere that is above the horizon is as bright as a point in its middle.
 TEST(SphereLightTest, LightsTheGround) {
   for (const Vec3d offset : {Vec3d{0, 1.2, 0}, Vec3d{1.5, 1.1, -0.5}, Vec3d{-300, 500, 0}}) {
     const double distance = length(offset);

@@ -90,7 +90,7 @@ TEST(OtherObjectsTest, TwoObjectsOfOneMediumAreOneOfTwoParts) {
   }
 }
 
-// Of different media and indices, by the tracer that finds light in other ways.
+// Objects of different media and indices, by the tracer that finds light in other ways.
 TEST(OtherObjectsTest, TracersAgree) {
   struct Case {
     const char* name;

@@ -129,7 +129,7 @@ TEST(ParameterTest, RefusesWhatTheSceneDoesNotHave) {
             "the derivative in g is asked for twice");
 }
 
-// Where shadow rays to its outline do not find all that changes.
+// A lamp is not moved where shadow rays to its outline do not find all that changes.
 TEST(ParameterTest, RefusesToMoveWhatItCannot) {
   const auto refused = [](const LightDescription& light, const Boundary& boundary, Tracer tracer) {
     SceneDescription description = studio("cube", {ConstantLight{1}, light}, 0.5F);

@@ -105,7 +105,8 @@ TEST(ObjectPixelsTest, AreNotLookedForAfterAStop) {
   EXPECT_THROW(scene.compiled().object_pixels(1, stop.get_token()), Error);
 }
 
-// Those that any of their rays shows to see the object, whatever was tried first and by whom.
+// They are the pixels that any of their rays shows to see the object, whatever was tried first and
+// by whom.
 TEST(ObjectPixelsTest, AreThoseOfWhichARaySeesTheObject) {
   const Scene scene(studio("knot", {ConstantLight{1}}, 0.5F, 24));
   const ObjectPixels one(scene.compiled(), 1, {}), many(scene.compiled(), 3, {});

@@ -27,7 +27,7 @@ SceneDescription ball(double smooth_angle, const LightDescription& light) {
   return scene;
 }
 
-// Where a pixel of that view sees the unit sphere, and the light stands over it, the radiance is
+// If a pixel of that view sees the unit sphere, and the light stands over it, the radiance is
 // reflectance cos / pi.
 TEST(SmoothSurfaceTest, IsRound) {
   const DirectionalLight sun{itn::normalize(Vec3d{0.5, 1, -0.3}), 2};
@@ -55,7 +55,7 @@ TEST(SmoothSurfaceTest, IsRound) {
   }
 }
 
-// Of uniform light, only that which a normal would send through a triangle is lost.
+// Only uniform light that a normal would send through a triangle is lost.
 TEST(SmoothSurfaceTest, KeepsTheLightInAFurnace) {
   for (const Tracer tracer : {Tracer::kWavefront, Tracer::kReference}) {
     const Scene scene(ball(kSmoothAngle, ConstantLight{1}));
