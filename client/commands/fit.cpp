@@ -216,7 +216,9 @@ void write_posed_scenes(FitOptions options, const fs::path& folder, RefineOption
     place(stand.stand, mesh, options, scene);
     write_overlay(folder / fmt::format("pose{}.png", stem), photograph, mesh, found.pose);
     photograph.image.channels["mask.Y"] = pixels_of_object(photograph, mesh, found.pose);
-    refine.block = block_of(photograph.image.channel("mask.Y"), photograph.side, photograph.name);
+    const std::vector<float>& mask = photograph.image.channel("mask.Y");
+    refine.block = block_of(mask, photograph.side, photograph.name);
+    set_model_error(options.shape_error, mask, photograph.side, refine);
     if (options.refine.init == "mean") {
       const Material start = of_similar_light(stand.material, options.g);
       refine.init = fmt::format("{},{},{}", start.sigma_t, start.albedo, start.g);

@@ -33,6 +33,7 @@ struct FitOptions {
   // part. 0: exact.
   double index_error = 0.03, flash_error = 5, turn_error = 2;
   std::optional<double> card_error;  // absent: card_error_of()
+  double shape_error = 0.002;        // root mean square, as a part of the size
   // What g is taken for. 0: it is not found; what another one would change is a disturbance. Else
   // it is found, and is known so well before, as a standard deviation.
   double g = 0.4, g_error = 0;

@@ -146,6 +146,13 @@ void add_flags(CLI::App& command, FitOptions& options) {
       ->transform(kPercentToPart)
       ->check(number_in(0.0, 0.5))
       ->needs(card);
+  command
+      .add_option("--shape-error", options.shape_error,
+                  "How far the object may be from its shape, root mean square, as a part of its "
+                  "size or in percent: intervals are as much wider")
+      ->transform(kPercentToPart)
+      ->check(number_in(0.0, 0.05))
+      ->capture_default_str();
   add_encoding_flag(command, photograph.reading.is_linear);
   add_layer_flag(command, photograph.reading.layer);
   command

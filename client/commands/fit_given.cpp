@@ -74,8 +74,9 @@ void prepare_given_scenes(const FitOptions& options, const fs::path& folder,
     refine.images.push_back(file.string());
   }
   const v1::Object& object = scenes.front().object();
-  refine.block =
-      block_of(images.front().channel("mask.Y"), images.front().width, options.images.front());
+  const std::vector<float>& mask = images.front().channel("mask.Y");
+  refine.block = block_of(mask, images.front().width, options.images.front());
+  set_model_error(options.shape_error, mask, images.front().width, refine);
   if (object.has_rough_dielectric()) {
     refine.unknowns = {kRoughness};
     if (options.index_error > 0 && !std::ranges::all_of(scenes, have_size)) {

@@ -60,6 +60,10 @@ PinholeView view_of(const FitPhotograph& photograph, int side);
 // pixels.
 uint32_t block_of(const std::vector<float>& mask, int width, const std::string& name);
 
+// What a shape that is as much off as it may be makes of an image whose object has this mask.
+void set_model_error(double shape_error, const std::vector<float>& mask, int width,
+                     RefineOptions& refine);
+
 // A shape that is no file.
 bool is_builtin(const std::string& shape);
 bool is_by_flash(const FitOptions& options);

@@ -228,6 +228,8 @@ v1::RefineSettings settings_of(const RefineOptions& options) {
   settings.set_expected_g(options.expected_g);
   settings.set_g_of_each_colour(options.g_of_each_colour);
   settings.set_block(options.block);
+  settings.set_model_error(options.model_error);
+  settings.set_model_error_length(options.model_error_length);
   settings.set_spp(options.spp);
   settings.set_max_spp(options.max_spp);
   settings.set_max_iterations(options.max_iterations);

@@ -32,7 +32,8 @@ struct RefineOptions {
   std::map<std::string, double> known_within;  // RefineSettings.known_within
   double expected_g = 0;
   bool g_of_each_colour = false;
-  uint32_t block = 1;  // RefineSettings.block
+  uint32_t block = 1;                              // RefineSettings.block
+  double model_error = 0, model_error_length = 0;  // RefineSettings
   uint32_t spp = 0, max_spp = 0, max_iterations = 0;
   double time_limit = 0, seconds_before = 0;  // RefineRun
   double tolerance = 0.002, learning_rate = 0.05;

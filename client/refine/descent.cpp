@@ -186,6 +186,15 @@ void Descent::collect_sums() {
         image_equations_[i].dependence() * image_equations_[i].moments();
     squares[observations_[i].colour] += image_equations_[i].squares();
   }
+  model_error_ = {};
+  if (settings_.model_error() > 0 && layout_.has_exposure) {
+    model_error_ = Matrix::Zero(layout_.size(), layout_.size());
+    for (size_t i = 0; i < image_equations_.size(); ++i) {
+      const std::vector<Eigen::Index> own = layout_.of_colour(observations_[i].colour);
+      model_error_(own, own) += image_equations_[i].model_error(
+          settings_.model_error(), settings_.model_error_length(), seen_.exposure());
+    }
+  }
   // Scores at the answer scatter less than at the truth, by as many squares as there are numbers
   // (MacKinnon and White, "Some heteroskedasticity-consistent covariance matrix estimators with
   // improved finite sample properties", Journal of Econometrics 1985, HC1).
@@ -201,7 +210,7 @@ ScoreEquations Descent::score_equations(size_t colour) const {
   return {.gradient = normal_equations_.gradient - unexplained_.gradient,
           .curvature = normal_equations_.curvature - unexplained_.curvature,
           .moments = moments_,
-          .apart = {},
+          .apart = model_error_,
           .ridge = is_g_given(settings_) ? layout_.sigma_t(colour) : layout_.g(colour)};
 }
 

@@ -101,6 +101,7 @@ class Descent {
   NormalEquations normal_equations_;
   NormalEquations unexplained_;        // part of these, of pixels that no material explains
   std::vector<ScoreMoments> moments_;  // by colour
+  Matrix model_error_;                 // of the scores; empty: none
   Vector x_, linearization_point_;
   double samples_ = 0;
   double trust_radius_ = 1;

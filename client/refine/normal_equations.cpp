@@ -580,6 +580,40 @@ Matrix ImageEquations::moments() const {
   return terms.transpose() * terms;
 }
 
+Matrix ImageEquations::model_error(double size, double length, Eigen::Index exposure) const {
+  // What changes as the image does by its exposure, in squares of half that length.
+  const auto coordinates = static_cast<Eigen::Index>(scores_.size());
+  const auto side = std::max(1U, static_cast<uint32_t>(length / 2));
+  struct Square {
+    Vector by_exposure;
+    double x = 0, y = 0, pixels = 0;
+  };
+  const uint32_t width = observation_.scene->width;
+  std::map<std::pair<uint32_t, uint32_t>, Square> squares;
+  for (size_t i = 0; i < pixels_.size(); ++i) {
+    const uint32_t x = pixels_[i] % width, y = pixels_[i] / width;
+    Square& square = squares[{y / side, x / side}];
+    if (square.pixels == 0) square.by_exposure = Vector::Zero(coordinates);
+    for (Eigen::Index c = 0; c < coordinates; ++c) {
+      square.by_exposure[c] +=
+          robust_weight(i) * slopes_[static_cast<size_t>(c * coordinates + exposure)][i];
+    }
+    square.x += x;
+    square.y += y;
+    ++square.pixels;
+  }
+  Matrix sum = Matrix::Zero(coordinates, coordinates);
+  for (const auto& [place, a] : squares) {
+    Vector alike = Vector::Zero(coordinates);
+    for (const auto& [other_place, b] : squares) {
+      const double x = a.x / a.pixels - b.x / b.pixels, y = a.y / a.pixels - b.y / b.pixels;
+      alike += std::exp(-(x * x + y * y) / (2 * length * length)) * b.by_exposure;
+    }
+    sum += a.by_exposure * alike.transpose();
+  }
+  return size * size * sum;
+}
+
 // ---- State -----------------------------------------------------------------------------------
 
 v1::RefineImageState ImageEquations::state() const {

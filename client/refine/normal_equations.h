@@ -132,6 +132,10 @@ class ImageEquations {
   // terms of s and of H, row by row (client/refine/score_test.h).
   Matrix moments() const;
 
+  // The covariance of the sums of s, where the image differs by a part `size` of its radiance,
+  // root mean square, that is alike over so many pixels. `exposure`: its coordinate.
+  Matrix model_error(double size, double length, Eigen::Index exposure) const;
+
   // By how much more differences to the renders so far scatter over large blocks than they would if
   // squares of block x block pixels were independent; at least 1. 1 where a square is a pixel.
   double dependence() const;

@@ -35,6 +35,11 @@ void check(const v1::RefineSettings& settings) {
   require(settings.learning_rate() > 0 && std::isfinite(settings.learning_rate()),
           "learning_rate must be positive");
   require(settings.block() >= 1 && settings.block() <= 64, "block must be in [1, 64]");
+  require(settings.model_error() >= 0 && settings.model_error() <= 0.5,
+          "model_error must be in [0, 0.5]");
+  require(settings.model_error() == 0 ||
+              (settings.model_error_length() >= 0.1 && settings.model_error_length() <= 1000),
+          "model_error_length must be in [0.1, 1000] where there is a model_error");
   for (const auto& [name, deviation] : settings.known_within()) {
     require(deviation > 0 && std::isfinite(deviation),
             fmt::format("known_within of {} is {}; it must be positive", name, deviation));

@@ -47,7 +47,8 @@ struct PhotographFile {
 // to fill.
 PhotographFile decode_photograph(std::string_view bytes, const std::string& name,
                                  std::optional<bool> is_linear = {});
-// Decodes the photograph in a file; "-" is standard input. Throws Error of kIo, too, as read_file_or_stdin().
+// Decodes the photograph in a file; "-" is standard input. Throws Error of kIo, too, as
+// read_file_or_stdin().
 PhotographFile read_photograph(const std::filesystem::path& path,
                                std::optional<bool> is_linear = {});
 

@@ -105,23 +105,32 @@ def write_mesh(path, vertices, triangles):
     path.write_bytes(header.encode() + vertices.astype("<f4").tobytes() + faces.tobytes())
 
 
+def directions(v):
+    return v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-12)
+
+
 def finer(vertices, triangles):
-    """Four triangles for each of a closed mesh, by Loop's rules (1987)."""
+    """Four triangles for each of a closed mesh, whose smooth parts bulge (Boubekeur and Alexa, "Phong tessellation", 2008)."""
     count = len(vertices)
+    corners = vertices[triangles]
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(normals, triangles[:, corner], flat)
+    normals = directions(normals)
+    # A vertex whose triangles lean more than 30 degrees is on an edge of the object, which stays.
+    least = np.ones(count)
+    for corner in range(3):
+        np.minimum.at(least, triangles[:, corner], (directions(flat) * normals[triangles[:, corner]]).sum(1))
     sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     edges, edge = np.unique(sides, axis=0, return_inverse=True)
-    edge = edge.reshape(-1)
-    opposite = np.zeros_like(vertices, shape=(len(edges), 3))
-    np.add.at(opposite, edge, vertices[triangles[:, [2, 0, 1]].reshape(-1)])
-    between = 0.375 * vertices[edges].sum(1) + 0.125 * opposite
-    neighbours, sums = np.bincount(edges.reshape(-1), minlength=count), np.zeros_like(vertices)
-    for here, there in ((0, 1), (1, 0)):
-        np.add.at(sums, edges[:, here], vertices[edges[:, there]])
-    part = np.where(neighbours == 3, 3 / 16, 3 / (8 * neighbours))[:, None]
-    moved = (1 - neighbours[:, None] * part) * vertices + part * sums
+    middle = vertices[edges].mean(1)
+    on_planes = [middle - ((middle - vertices[end]) * normals[end]).sum(1, keepdims=True) * normals[end] for end in edges.T]
+    smooth = (least[edges].min(1) > math.cos(math.radians(30)))[:, None]
+    between = middle + np.where(smooth, 0.75 * (sum(on_planes) / 2 - middle), 0)
     a, b, c = triangles.T
     ab, bc, ca = count + edge.reshape(-1, 3).T
-    return np.concatenate([moved, between]), np.concatenate(
+    return np.concatenate([vertices, between]), np.concatenate(
         [np.stack(corners, axis=1) for corners in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
 
 
