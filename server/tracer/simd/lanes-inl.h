@@ -77,6 +77,18 @@ HWY_INLINE Vectors gather(const VectorColumn& column, Ints at) {
   return {gather(column.x, at), gather(column.y, at), gather(column.z, at)};
 }
 
+// Columns at any slots, all different but for the spare one.
+struct SlotGather {
+  Ints slots;
+  template <typename Column>
+  HWY_INLINE auto get(const Column& column) const {
+    return gather(column, slots);
+  }
+  HWY_INLINE void add(Floats by, FloatColumn& column) const {
+    hn::ScatterIndex(get(column) + by, FloatTag(), column.data(), slots);
+  }
+};
+
 // Puts those of some lanes behind one another, from number `at` on.
 struct Append {
   Mask where;

@@ -119,7 +119,7 @@ class Walk {
 
  private:
   void fill() {
-    while (wave_.count < kSlots && source_.begin_path(wave_.paths, wave_.count)) ++wave_.count;
+    while (wave_.count < kSlots && source_.begin_path(wave_, wave_.count)) ++wave_.count;
   }
 
   // Records paths that have ended, and puts new ones in their place; where there are no more, the
@@ -127,11 +127,12 @@ class Walk {
   void finish() {
     for (size_t slot = wave_.count; slot-- > 0;) {
       if (wave_.paths.alive[slot] != 0) continue;
+      wave_.collected.record(slot, recorder_.read(slot));
       recorder_.record(slot);
       if (wave_.normal_gradient) wave_.normal_gradient->record(wave_.paths, slot);
-      if (source_.begin_path(wave_.paths, slot)) continue;
+      if (source_.begin_path(wave_, slot)) continue;
       --wave_.count;
-      if (slot != wave_.count) wave_.paths.move(wave_.count, slot);
+      if (slot != wave_.count) wave_.move(wave_.count, slot);
     }
   }
 

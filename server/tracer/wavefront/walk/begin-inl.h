@@ -85,13 +85,13 @@ class PathSource {
         index_slot_(differentiated_index(request, scene.boundary)) {}
 
   // Puts the next path into a slot, with the camera's ray. False if there is none.
-  bool begin_path(Paths& paths, size_t slot) {
+  bool begin_path(Wavefront& wave, size_t slot) {
+    Paths& paths = wave.paths;
     if (next_ == count_ && !take_samples()) return false;
     const PathSample& sample = samples_[next_];
     const CameraRay& ray = camera_rays_[next_];
-    paths.begin(slot);
-    for_each_column(paths.weights(),
-                    [&](FloatColumn& weight) { weight[slot] *= scene_.camera_weight; });
+    wave.begin(slot);
+    wave.for_each_weight([&](FloatColumn& weight) { weight[slot] *= scene_.camera_weight; });
     for (UintColumn& medium : paths.medium) {
       medium[slot] = static_cast<uint32_t>(scene_.camera_medium);
     }

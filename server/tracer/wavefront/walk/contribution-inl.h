@@ -17,18 +17,6 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// Columns at any slots, all different but for the spare one.
-struct SlotGather {
-  Ints slots;
-  template <typename Column>
-  HWY_INLINE auto get(const Column& column) const {
-    return gather(column, slots);
-  }
-  HWY_INLINE void add(Floats by, FloatColumn& column) const {
-    hn::ScatterIndex(get(column) + by, FloatTag(), column.data(), slots);
-  }
-};
-
 // The parts of light that are due to Wavefront::differentiated_lights; or, if colours are rendered,
 // what it is in each. As multiples of it.
 struct LightParts {
@@ -86,12 +74,7 @@ HWY_INLINE void add_contribution(Wavefront& wave, SlotGather at, Floats light,
            wave.normal_gradient ? paths.edge_radiance[0]
                                 : paths.d_slots[paths.control_phase.size() + *wave.index_slot]);
   }
-  for (size_t a = 0; a < paths.weight_at_albedos.size(); ++a) {
-    at.add(at.get(paths.weight_at_albedos[a]) * light, paths.radiance_at_albedos[a]);
-  }
-  for (size_t r = 0; r < paths.d_reflectance.size(); ++r) {
-    at.add(at.get(paths.dweight_dreflectance[r]) * light, paths.d_reflectance[r]);
-  }
+  wave.collected.on_light(at, light);
   for (size_t l = 0; l < paths.d_light.size(); ++l) {
     at.add(contribution * parts.of[l], paths.d_light[l]);
   }

@@ -10,28 +10,27 @@ PathRecorder::PathRecorder(const RenderRequest& request, const Paths& paths, Fil
     add_colours(request);
     return;
   }
-  size_t reflectance = 0, light = 0, place = 0;
-  for (const Parameter& parameter : request.derivatives) {
+  size_t light = 0, place = 0;
+  for (size_t d = 0; d < request.derivatives.size(); ++d) {
+    const Parameter& parameter = request.derivatives[d];
     switch (parameter.kind) {
       case Parameter::kSigmaT:
-        derivatives_.push_back({&paths.d_sigma_t, &paths.control_sigma_t});
+        derivatives_.push_back({d, &paths.d_sigma_t, &paths.control_sigma_t});
         break;
-      case Parameter::kAlbedo: derivatives_.push_back({&paths.d_albedo}); break;
+      case Parameter::kAlbedo: derivatives_.push_back({d, &paths.d_albedo}); break;
       case Parameter::kPhase: {
         const size_t slot = slots_of<PhaseFunction>()[parameter.slot].number;
-        derivatives_.push_back({&paths.d_slots[slot], &paths.control_phase[slot]});
+        derivatives_.push_back({d, &paths.d_slots[slot], &paths.control_phase[slot]});
         break;
       }
       case Parameter::kBoundary: {
         const size_t slot = slots_of<Boundary>()[parameter.slot].number;
-        derivatives_.push_back({&paths.d_slots[paths.control_phase.size() + slot]});
+        derivatives_.push_back({d, &paths.d_slots[paths.control_phase.size() + slot]});
         break;
       }
-      case Parameter::kReflectance:
-        derivatives_.push_back({&paths.d_reflectance[reflectance++]});
-        break;
-      case Parameter::kLightPlace: derivatives_.push_back({&paths.d_place[place++]}); break;
-      case Parameter::kLightScale: derivatives_.push_back({&paths.d_light[light++]}); break;
+      case Parameter::kReflectance: break;
+      case Parameter::kLightPlace: derivatives_.push_back({d, &paths.d_place[place++]}); break;
+      case Parameter::kLightScale: derivatives_.push_back({d, &paths.d_light[light++]}); break;
     }
   }
 }
@@ -49,27 +48,30 @@ void PathRecorder::add_colours(const RenderRequest& request) {
       default: break;
     }
     for (size_t c = 0; c < request.colours.size(); ++c) {
-      derivatives_.push_back({&paths_.d_colours[c * columns + column]});
+      derivatives_.push_back({derivatives_.size(), &paths_.d_colours[c * columns + column]});
     }
   }
 }
 
-void PathRecorder::record(size_t slot) {
+PathEstimate& PathRecorder::read(size_t slot) {
   estimate_.hit = paths_.hit[slot] != 0;
   estimate_.leaked = paths_.leaked[slot] != 0;
   estimate_.steps = paths_.steps[slot];
   estimate_.radiance = paths_.radiance[slot];
   const float expected = paths_.expected[slot];
-  for (size_t i = 0; i < derivatives_.size(); ++i) {
-    const auto [collected, control_variate] = derivatives_[i];
-    estimate_.derivatives[i] = control_variate != nullptr
-                                   ? (*collected)[slot] - expected * (*control_variate)[slot]
-                                   : (*collected)[slot];
+  for (const auto& [number, collected, control_variate] : derivatives_) {
+    estimate_.derivatives[number] = control_variate != nullptr
+                                        ? (*collected)[slot] - expected * (*control_variate)[slot]
+                                        : (*collected)[slot];
   }
-  const FloatStates<>& others =
-      paths_.colours.empty() ? paths_.radiance_at_albedos : paths_.colours;
-  for (size_t m = 0; m < others.size(); ++m) estimate_.other_media[m] = others[m][slot];
-  film_.add({paths_.pixel[slot], paths_.sample[slot], expected}, estimate_);
+  for (size_t c = 0; c < paths_.colours.size(); ++c) {
+    estimate_.other_media[c] = paths_.colours[c][slot];
+  }
+  return estimate_;
+}
+
+void PathRecorder::record(size_t slot) {
+  film_.add({paths_.pixel[slot], paths_.sample[slot], paths_.expected[slot]}, estimate_);
 }
 
 }  // namespace itn::tracer

@@ -6,6 +6,7 @@
 #include <tuple>
 #include <vector>
 
+#include "server/tracer/collected/state_columns.h"
 #include "server/tracer/film/film_writer.h"
 #include "server/tracer/geometry/rays.h"
 #include "server/tracer/request/request.h"
@@ -13,20 +14,6 @@
 #include "server/tracer/wavefront/walk/normal_gradient.h"
 
 namespace itn::tracer {
-
-// A column of a path's state, and what it holds when a path begins.
-template <typename T, int kStart = 0>
-struct StateColumn : Column<T> {
-  static constexpr T kAtStart = kStart;
-};
-template <int kStart = 0>
-using FloatState = StateColumn<float, kStart>;
-template <int kStart = 0>
-using UintState = StateColumn<uint32_t, kStart>;
-// Columns, as many as a request needs.
-template <int kStart = 0>
-struct alignas(64) FloatStates : std::vector<FloatState<kStart>> {};
-struct alignas(64) UintStates : std::vector<UintState<>> {};
 
 // What a path takes along from vertex to vertex, but for its ray.
 struct PathState {
@@ -63,12 +50,7 @@ struct PathState {
   // is collected; and control variates for the phase function's.
   FloatStates<> score_slots{}, d_slots{}, control_phase{};
 
-  // W and radiance for RenderRequest::albedos.
-  FloatStates<1> weight_at_albedos{};
-  FloatStates<> radiance_at_albedos{};
-  // For the surfaces that derivatives are asked for in: d W / d reflectance, and what is collected.
-  FloatStates<> dweight_dreflectance{}, d_reflectance{};
-  // The same for lights, and for their places.
+  // What is collected for lights, and for their places.
   FloatStates<> d_light{}, d_place{};
   // For derivatives in the boundary's index or normals: W times what edges weigh that the path has
   // followed, which make W 0 (BoundaryEdge). And for normals, what is collected with it.
@@ -89,30 +71,16 @@ struct PathState {
     return std::tie(pixel, sample, expected, first_flight, vertex, alive, hit, leaked, steps,
                     delta_bounce, crossings, pdf, medium, scattered_at, scattered_pdf, odds, weight,
                     dweight_dalbedo, score_sigma_t, radiance, d_sigma_t, d_albedo, control_sigma_t,
-                    score_slots, d_slots, control_phase, weight_at_albedos, radiance_at_albedos,
-                    dweight_dreflectance, d_reflectance, d_light, d_place, edge_weight,
+                    score_slots, d_slots, control_phase, d_light, d_place, edge_weight,
                     edge_radiance, colour_weight, colour_dweight, colour_edge, likelihood,
                     colour_score, colours, d_colours, flight_sigma_t);
   }
   // Columns that a factor of the path's weight multiplies.
   auto weights() {
-    return std::tie(weight, dweight_dalbedo, weight_at_albedos, dweight_dreflectance, edge_weight,
-                    colour_weight, colour_dweight, colour_edge);
+    return std::tie(weight, dweight_dalbedo, edge_weight, colour_weight, colour_dweight,
+                    colour_edge);
   }
 };
-
-// Calls visit(column) for every column of a list.
-template <typename List, typename Visit>
-void for_each_column(const List& list, const Visit& visit) {
-  const auto visit_all = [&]<typename Entry>(Entry& entry) {
-    if constexpr (requires { Entry::kAtStart; }) {
-      visit(entry);
-    } else {
-      for (auto& column : entry) visit(column);
-    }
-  };
-  std::apply([&](auto&... entries) { (visit_all(entries), ...); }, list);
-}
 
 // The list is complete: its columns fill the structure.
 template <typename... Entries>
@@ -139,13 +107,13 @@ struct Paths : PathState {
     rays.direction.set(to, rays.direction.at(from));
     rays.interaction[to] = rays.interaction[from];
     rays.normal.set(to, rays.normal.at(from));
-    for_each_column(columns(), [&](auto& column) { column[to] = column[from]; });
+    move_columns(columns(), from, to);
     if (!turns.empty()) turns[to].swap(turns[from]);
   }
 
   // All but the ray and the sample.
   void begin(size_t slot) {
-    for_each_column(columns(), [&](auto& column) { column[slot] = column.kAtStart; });
+    begin_columns(columns(), slot);
     if (!turns.empty()) turns[slot].clear();
   }
 };
@@ -219,12 +187,15 @@ class PathRecorder {
   // `paths` has the columns that the request needs.
   PathRecorder(const RenderRequest& request, const Paths& paths, FilmWriter& film);
 
-  // Records the path in a slot.
+  // The estimate of the path in a slot, but for what kinds of Collected have of it.
+  PathEstimate& read(size_t slot);
+  // Adds it to the film.
   void record(size_t slot);
 
  private:
   // The column where a derivative is collected, and its control variate, if it has one.
   struct DerivativeColumns {
+    size_t number;  // of the derivative in the request
     const FloatColumn* collected;
     const FloatColumn* control_variate = nullptr;
   };
@@ -233,8 +204,8 @@ class PathRecorder {
 
   const Paths& paths_;
   FilmWriter& film_;
-  PathEstimate estimate_;                       // of the path that is recorded
-  std::vector<DerivativeColumns> derivatives_;  // in the order of the request
+  PathEstimate estimate_;  // of the path that is recorded
+  std::vector<DerivativeColumns> derivatives_;
 };
 
 }  // namespace itn::tracer

@@ -76,14 +76,12 @@ HWY_INLINE Floats remaining_light(const Wavefront& wave, const WalkRoulette& rou
 }
 
 // The survival that path tracers usually play by.
-inline Floats throughput_survival(const Paths& paths, size_t i) {
+inline Floats throughput_survival(const Wavefront& wave, size_t i) {
+  const Paths& paths = wave.paths;
   const Mask begun =
       hn::RebindMask(FloatTag(), hn::BitCast(IntTag(), load(paths.vertex, i)) >
                                      hn::Set(IntTag(), int{ThroughputRoulette::kFirstVertex} - 1));
-  Floats importance = load(paths.weight, i);
-  for (const FloatColumn& derivative : paths.dweight_dreflectance) {
-    importance = hn::Max(importance, load(derivative, i));
-  }
+  Floats importance = wave.collected.throughput(load(paths.weight, i), i);
   for (const FloatColumn& edge : paths.edge_weight) importance = hn::Max(importance, load(edge, i));
   const Mask crosses =
       hn::RebindMask(FloatTag(), hn::Ne(load(paths.crossings, i), hn::Zero(UintTag())));
@@ -92,13 +90,14 @@ inline Floats throughput_survival(const Paths& paths, size_t i) {
 }
 
 // What the boundary makes of the weights.
-HWY_INLINE void apply_crossing(Paths& paths, size_t i) {
+HWY_INLINE void apply_crossing(Wavefront& wave, size_t i) {
+  Paths& paths = wave.paths;
   const Floats weight = load(paths.weight, i);
   Floats colour_weights[kColours.size()];
   for (size_t c = 0; c < paths.colour_edge.size(); ++c) {
     colour_weights[c] = load(paths.colour_weight[c], i);
   }
-  multiply_weights(paths, i, load(paths.crossing_weight, i));
+  multiply_weights(wave, i, load(paths.crossing_weight, i));
   if (paths.edge_weight.empty()) return;
   const Floats by = load(paths.crossing_edge_weight[0], i);
   const auto add_to = [&](FloatColumn& edge, Floats before) {
@@ -115,15 +114,15 @@ inline void russian_roulette(Wavefront& wave, const WalkRoulette& roulette) {
   Paths& paths = wave.paths;
   const Floats one = set(1.0F);
   for (size_t i = 0; i < wave.count; i += lanes()) {
-    if (wave.stops_at_boundary) apply_crossing(paths, i);
+    if (wave.stops_at_boundary) apply_crossing(wave, i);
     const Floats probability =
         wave.switches.throughput_roulette
-            ? throughput_survival(paths, i)
+            ? throughput_survival(wave, i)
             : hn::Min(one, path_importance(wave, i) * remaining_light(wave, roulette, i) *
                                roulette.per_threshold);
     const Mask survives = (load(paths.u3, i) < probability) & !not_zero(load(paths.leaked, i));
     const Floats factor = 1 / hn::Max(probability, set(1e-30F));
-    multiply_weights(paths, i, factor);
+    multiply_weights(wave, i, factor);
     store(hn::IfThenElseZero(for_uints(survives), load(paths.alive, i)), paths.alive, i);
     store(load(paths.vertex, i) + set(uint32_t{1}), paths.vertex, i);
   }

@@ -16,16 +16,10 @@
 #include "server/tracer/surfaces/reflectance.h"
 #include "server/tracer/wavefront/walk/outline_rays-inl.h"
 #include "server/tracer/wavefront/walk/shadow_rays-inl.h"
+#include "server/tracer/wavefront/walk/vertices-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
-
-// Whether triangles are of a range: from `first` on, and before `end`.
-HWY_INLINE Mask among(Surfaces::Range range, Ints triangles) {
-  const auto below = [](uint32_t n) { return hn::Set(IntTag(), static_cast<int32_t>(n) - 1); };
-  return hn::RebindMask(FloatTag(),
-                        hn::AndNot(triangles > below(range.end), triangles > below(range.first)));
-}
 
 HWY_INLINE Vertices vertices_of(const Wavefront& wave, size_t i, Mask in_medium, Mask on_surface,
                                 Mask at_boundary) {
@@ -109,30 +103,18 @@ HWY_INLINE void multiply_by_colours(Wavefront& wave, size_t i, const Vertices& v
   }
 }
 
-// W takes the factor. dW/d albedo takes it too, and W where the factor is the albedo; likewise
-// dW/d reflectance, for the reflectance of some triangles.
+// W takes the factor. dW/d albedo takes it too, and W where the factor is the albedo.
 HWY_INLINE void multiply_by_factor(Wavefront& wave, size_t i, const Vertices& vertices) {
   Paths& paths = wave.paths;
   const Floats factor = vertices.factor, weight = load(paths.weight, i);
   const Mask by_albedo = in_object(wave.media, vertices.medium, vertices.in_medium);
+  wave.collected.on_vertex({i, vertices, load(paths.rays.position, i), weight, by_albedo});
   store(weight * factor, paths.weight, i);
   if (wave.medium_derivatives) {
     store(load(paths.dweight_dalbedo, i) * factor + hn::IfThenElseZero(by_albedo, weight),
           paths.dweight_dalbedo, i);
   }
   for (FloatColumn& edge : paths.edge_weight) store(load(edge, i) * factor, edge, i);
-  for (size_t a = 0; a < paths.weight_at_albedos.size(); ++a) {
-    FloatColumn& other_weight = paths.weight_at_albedos[a];
-    const Floats albedo = set(static_cast<float>(wave.request.albedos[a]));
-    store(load(other_weight, i) * hn::IfThenElse(by_albedo, albedo, factor), other_weight, i);
-  }
-  for (size_t r = 0; r < wave.reflecting.size(); ++r) {
-    const auto& [triangles, reflectance, slot] = wave.reflecting[r];
-    const Floats slope = reflectance_slope(reflectance, slot, load(paths.rays.position, i));
-    FloatColumn& derivative = paths.dweight_dreflectance[r];
-    const Floats gain = hn::IfThenElseZero(among(triangles, vertices.triangles), weight * slope);
-    store(mul_add(load(derivative, i), factor, gain), derivative, i);
-  }
 }
 
 // The odds for light that the walk meets behind a nearly smooth boundary in a direction.

@@ -13,23 +13,10 @@
 #include "server/tracer/lights/lights-inl.h"
 #include "server/tracer/wavefront/walk/contribution-inl.h"
 #include "server/tracer/wavefront/walk/refracted_rays-inl.h"
+#include "server/tracer/wavefront/walk/vertices-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
-
-// The vertices where paths that are sent on have arrived.
-struct Vertices {
-  Mask in_medium, on_surface, at_boundary;  // scatterings, diffuse reflections, crossings
-  Uints medium;                             // that is, or the boundary is of
-  bool any_on_surface, any_at_boundary;
-  Crossing crossing;  // if there is any
-  Vectors axis;  // that the next direction is drawn around: the last one, or the surface's normal
-  Vectors flat_normal;  // of surfaces, on the side that paths arrive at, where some are smooth
-  Floats factor;        // albedo or reflectance; at a boundary 1
-  Ints triangles;       // that reflect, or -1
-
-  Mask where() const { return in_medium | on_surface | at_boundary; }
-};
 
 // The paths from which shadow rays are sent that do not end at the boundary of the medium.
 HWY_INLINE Mask sending(const Wavefront& wave, size_t i, const Vertices& vertices) {

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "common/fields.h"
+#include "server/tracer/collected/collected-inl.h"
 #include "server/tracer/film/film_writer.h"
 #include "server/tracer/geometry/lines/lines-inl.h"
 #include "server/tracer/lights/lights-inl.h"
@@ -59,11 +60,7 @@ struct Wavefront {
         index_slot(differentiated_index(asked, compiled.boundary)),
         boundary_derivatives{index_slot.has_value(), asked.gradient_normals} {
     for (const Parameter& parameter : asked.derivatives) {
-      if (parameter.kind == Parameter::kReflectance) {
-        reflecting.push_back({compiled.obstacles.surfaces.triangles_of(parameter.index),
-                              compiled.surfaces[parameter.index].reflectance,
-                              slots_of<Reflectance>()[parameter.slot].number});
-      } else if (parameter.kind == Parameter::kLightScale) {
+      if (parameter.kind == Parameter::kLightScale) {
         differentiated_lights.push_back(parameter.index);
       } else if (parameter.kind == Parameter::kLightPlace) {
         const size_t slot = slots_of<LightDescription>()[parameter.slot].number;
@@ -98,10 +95,6 @@ struct Wavefront {
     paths.flight_sigma_t.resize(colours.empty() ? 0 : 1);
     part_count = std::max(colours.size(), differentiated_lights.size());
     paths.medium.resize(media.several ? 1 : 0);
-    paths.weight_at_albedos.resize(asked.albedos.size());
-    paths.radiance_at_albedos.resize(asked.albedos.size());
-    paths.dweight_dreflectance.resize(reflecting.size());
-    paths.d_reflectance.resize(reflecting.size());
     paths.d_light.resize(differentiated_lights.size());
     paths.d_place.resize(places.size());
     paths.edge_weight.resize(boundary_derivatives.any() ? 1 : 0);
@@ -129,6 +122,22 @@ struct Wavefront {
     return gather(paths.medium[0], slots);
   }
 
+  // All but the ray and the sample of a path.
+  void begin(size_t slot) {
+    paths.begin(slot);
+    collected.begin(slot);
+  }
+  void move(size_t from, size_t to) {
+    paths.move(from, to);
+    collected.move(from, to);
+  }
+  // Calls visit(column) for all that a factor of the weight of paths multiplies.
+  template <typename Visit>
+  HWY_INLINE void for_each_weight(const Visit& visit) {
+    for_each_column(paths.weights(), visit);
+    collected.for_each_weight(visit);
+  }
+
   // The mean radiance of the lights over all directions.
   float mean_radiance() const {
     return static_cast<float>(scene.lights.power() / (4 * std::numbers::pi));
@@ -142,13 +151,6 @@ struct Wavefront {
   const float sigma_t;  // of the object
   const bool medium_derivatives;
   const float shadow_ray_threshold;  // of their roulette, as a radiance; 0: all are traced
-  // The slots of surfaces, and the lights, that derivatives are asked for in.
-  struct SurfaceSlot {
-    Surfaces::Range triangles;
-    const Reflectance& reflectance;
-    size_t number;  // in its kind
-  };
-  std::vector<SurfaceSlot> reflecting;
   std::vector<size_t> differentiated_lights;
   // The places of lights that derivatives are asked for in: of which light, and along what.
   struct Place {
@@ -187,6 +189,7 @@ struct Wavefront {
   const EnvironmentMap* differentiated_map = nullptr;
 
   Paths paths;
+  Collected collected{scene, request};
   size_t count = 0;  // of paths under way, in slots 0 .. count - 1
   ShadowRays shadow_rays;
   // Whether lines stop at the boundary, and then where those that were followed last did.
@@ -303,9 +306,8 @@ HWY_INLINE Words random(const Wavefront& wave, size_t i, Uints vertex, Sampler::
 }
 
 // Multiplies weights by a factor that no derivative is asked for in.
-HWY_INLINE void multiply_weights(Paths& paths, size_t i, Floats factor) {
-  for_each_column(paths.weights(),
-                  [&](FloatColumn& weight) { store(load(weight, i) * factor, weight, i); });
+HWY_INLINE void multiply_weights(Wavefront& wave, size_t i, Floats factor) {
+  wave.for_each_weight([&](FloatColumn& weight) { store(load(weight, i) * factor, weight, i); });
 }
 
 // What light at the end of a path counts; of colours the mean.
@@ -320,18 +322,15 @@ HWY_INLINE Floats mean_weight(const Paths& paths, size_t i) {
 }
 
 // The importance of a path, for roulette. In thick media of high albedo the derivative comes from
-// long paths, whose W is small but whose dW/d albedo is not; so does the derivative in the
-// reflectance of a dark surface, from paths of a few reflections.
+// long paths, whose W is small but whose dW/d albedo is not.
 HWY_INLINE Floats path_importance(const Wavefront& wave, size_t i) {
   const Paths& paths = wave.paths;
-  constexpr float kRouletteDerivative = 0.05F, kRouletteReflectance = 0.25F;
+  constexpr float kRouletteDerivative = 0.05F;
   Floats importance = mean_weight(paths, i);
   if (wave.medium_derivatives) {
     importance = hn::Max(importance, kRouletteDerivative * load(paths.dweight_dalbedo, i));
   }
-  for (const FloatColumn& derivative : paths.dweight_dreflectance) {
-    importance = hn::Max(importance, kRouletteReflectance * load(derivative, i));
-  }
+  importance = wave.collected.importance(importance, i);
   for (const FloatColumn& edge : paths.edge_weight) importance = hn::Max(importance, load(edge, i));
   return importance;
 }

@@ -1,0 +1,93 @@
+// What paths collect beside their radiance. A kind of it is a class in a file of this folder, and
+// an entry of the list below. All of its functions but columns() and record() may be left out:
+//
+//   columns()                    the columns that begin and move with a path
+//   weights()                    those of them that take every factor of a path's weight W, but for
+//                                those of vertices
+//   on_vertex(arrival)           takes the vertices' factors into its weights
+//   on_light(at, light)          collects light, by W, that arrives along the paths in such slots
+//   importance(least, i)         what the paths are worth to it, or `least` if that is more: for
+//                                the roulette (path_importance)
+//   throughput(least, i)         the same for the roulette that other path tracers play
+//   record(slot, estimate)       writes what the path in a slot has collected
+#if defined(ITN_TRACER_COLLECTED_COLLECTED_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_COLLECTED_COLLECTED_INL_H_
+#undef ITN_TRACER_COLLECTED_COLLECTED_INL_H_
+#else
+#define ITN_TRACER_COLLECTED_COLLECTED_INL_H_
+#endif
+
+#include <cstddef>
+
+#include "server/tracer/collected/albedos-inl.h"
+#include "server/tracer/collected/reflectances-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+class Collected {
+ public:
+  Collected(const Scene::Compiled& scene, const RenderRequest& request)
+      : albedos_(request), reflectances_(scene, request) {}
+
+  void begin(size_t slot) {
+    for_each([&](auto& kind) { begin_columns(kind.columns(), slot); });
+  }
+  void move(size_t from, size_t to) {
+    for_each([&](auto& kind) { move_columns(kind.columns(), from, to); });
+  }
+  void record(size_t slot, PathEstimate& estimate) {
+    for_each([&](auto& kind) { kind.record(slot, estimate); });
+  }
+
+  // Calls visit(column) for all weights.
+  template <typename Visit>
+  HWY_INLINE void for_each_weight(const Visit& visit) {
+    for_each([&](auto& kind) {
+      if constexpr (requires { kind.weights(); }) for_each_column(kind.weights(), visit);
+    });
+  }
+  HWY_INLINE void on_vertex(const Arrival& arrival) {
+    for_each([&](auto& kind) {
+      if constexpr (requires { kind.on_vertex(arrival); }) kind.on_vertex(arrival);
+    });
+  }
+  HWY_INLINE void on_light(const SlotGather& at, Floats light) {
+    for_each([&](auto& kind) {
+      if constexpr (requires { kind.on_light(at, light); }) kind.on_light(at, light);
+    });
+  }
+  HWY_INLINE Floats importance(Floats least, size_t i) const {
+    for_each([&](const auto& kind) {
+      if constexpr (requires { kind.importance(least, i); }) least = kind.importance(least, i);
+    });
+    return least;
+  }
+  HWY_INLINE Floats throughput(Floats least, size_t i) const {
+    for_each([&](const auto& kind) {
+      if constexpr (requires { kind.throughput(least, i); }) least = kind.throughput(least, i);
+    });
+    return least;
+  }
+
+ private:
+  // The list of kinds.
+  template <typename Visit>
+  HWY_INLINE void for_each(const Visit& visit) {
+    visit(albedos_);
+    visit(reflectances_);
+  }
+  template <typename Visit>
+  HWY_INLINE void for_each(const Visit& visit) const {
+    visit(albedos_);
+    visit(reflectances_);
+  }
+
+  Albedos albedos_;
+  Reflectances reflectances_;
+};
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif
