@@ -10,7 +10,7 @@
 #include <cstddef>
 #include <tuple>
 
-#include "server/tracer/collected/arrival-inl.h"
+#include "server/tracer/collected/events-inl.h"
 #include "server/tracer/collected/state_columns.h"
 #include "server/tracer/film/film_writer.h"
 #include "server/tracer/request/request.h"
@@ -36,11 +36,13 @@ class Albedos {
     }
   }
 
-  HWY_INLINE void on_light(const SlotGather& at, Floats light) {
-    for (size_t a = 0; a < weights_.size(); ++a) at.add(at.get(weights_[a]) * light, radiance_[a]);
+  HWY_INLINE void on_light(const Light& light) {
+    for (size_t a = 0; a < weights_.size(); ++a) {
+      light.at.add(light.at.get(weights_[a]) * light.by_weight, radiance_[a]);
+    }
   }
 
-  void record(size_t slot, PathEstimate& estimate) const {
+  void record(size_t slot, float /*expected*/, PathEstimate& estimate) const {
     for (size_t a = 0; a < radiance_.size(); ++a) estimate.other_media[a] = radiance_[a][slot];
   }
 

@@ -5,11 +5,13 @@
 //   weights()                    those of them that take every factor of a path's weight W, but for
 //                                those of vertices
 //   on_vertex(arrival)           takes the vertices' factors into its weights
-//   on_light(at, light)          collects light, by W, that arrives along the paths in such slots
+//   on_flight(flight)            takes what a flight makes of scores
+//   on_light(light)              collects light that arrives
 //   importance(least, i)         what the paths are worth to it, or `least` if that is more: for
 //                                the roulette (path_importance)
 //   throughput(least, i)         the same for the roulette that other path tracers play
-//   record(slot, estimate)       writes what the path in a slot has collected
+//   record(slot, expected, estimate)  writes what the path in a slot has collected; `expected` is
+//                                the radiance of its pixel (PathSample), for control variates
 #if defined(ITN_TRACER_COLLECTED_COLLECTED_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef ITN_TRACER_COLLECTED_COLLECTED_INL_H_
 #undef ITN_TRACER_COLLECTED_COLLECTED_INL_H_
@@ -20,6 +22,7 @@
 #include <cstddef>
 
 #include "server/tracer/collected/albedos-inl.h"
+#include "server/tracer/collected/medium-inl.h"
 #include "server/tracer/collected/reflectances-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -28,7 +31,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 class Collected {
  public:
   Collected(const Scene::Compiled& scene, const RenderRequest& request)
-      : albedos_(request), reflectances_(scene, request) {}
+      : medium_(request), albedos_(request), reflectances_(scene, request) {}
 
   void begin(size_t slot) {
     for_each([&](auto& kind) { begin_columns(kind.columns(), slot); });
@@ -36,8 +39,8 @@ class Collected {
   void move(size_t from, size_t to) {
     for_each([&](auto& kind) { move_columns(kind.columns(), from, to); });
   }
-  void record(size_t slot, PathEstimate& estimate) {
-    for_each([&](auto& kind) { kind.record(slot, estimate); });
+  void record(size_t slot, float expected, PathEstimate& estimate) {
+    for_each([&](auto& kind) { kind.record(slot, expected, estimate); });
   }
 
   // Calls visit(column) for all weights.
@@ -52,9 +55,14 @@ class Collected {
       if constexpr (requires { kind.on_vertex(arrival); }) kind.on_vertex(arrival);
     });
   }
-  HWY_INLINE void on_light(const SlotGather& at, Floats light) {
+  HWY_INLINE void on_flight(const Flight& flight) {
     for_each([&](auto& kind) {
-      if constexpr (requires { kind.on_light(at, light); }) kind.on_light(at, light);
+      if constexpr (requires { kind.on_flight(flight); }) kind.on_flight(flight);
+    });
+  }
+  HWY_INLINE void on_light(const Light& light) {
+    for_each([&](auto& kind) {
+      if constexpr (requires { kind.on_light(light); }) kind.on_light(light);
     });
   }
   HWY_INLINE Floats importance(Floats least, size_t i) const {
@@ -74,15 +82,18 @@ class Collected {
   // The list of kinds.
   template <typename Visit>
   HWY_INLINE void for_each(const Visit& visit) {
+    visit(medium_);
     visit(albedos_);
     visit(reflectances_);
   }
   template <typename Visit>
   HWY_INLINE void for_each(const Visit& visit) const {
+    visit(medium_);
     visit(albedos_);
     visit(reflectances_);
   }
 
+  MediumDerivatives medium_;
   Albedos albedos_;
   Reflectances reflectances_;
 };

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "common/fields.h"
-#include "server/tracer/collected/arrival-inl.h"
+#include "server/tracer/collected/events-inl.h"
 #include "server/tracer/collected/state_columns.h"
 #include "server/tracer/film/film_writer.h"
 #include "server/tracer/request/request.h"
@@ -51,9 +51,9 @@ class Reflectances {
     }
   }
 
-  HWY_INLINE void on_light(const SlotGather& at, Floats light) {
+  HWY_INLINE void on_light(const Light& light) {
     for (size_t r = 0; r < asked_.size(); ++r) {
-      at.add(at.get(d_weight_[r]) * light, collected_[r]);
+      light.at.add(light.at.get(d_weight_[r]) * light.by_weight, collected_[r]);
     }
   }
 
@@ -70,7 +70,7 @@ class Reflectances {
     return least;
   }
 
-  void record(size_t slot, PathEstimate& estimate) const {
+  void record(size_t slot, float /*expected*/, PathEstimate& estimate) const {
     for (size_t r = 0; r < asked_.size(); ++r) {
       estimate.derivatives[asked_[r].derivative] = collected_[r][slot];
     }

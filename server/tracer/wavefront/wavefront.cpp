@@ -127,7 +127,7 @@ class Walk {
   void finish() {
     for (size_t slot = wave_.count; slot-- > 0;) {
       if (wave_.paths.alive[slot] != 0) continue;
-      wave_.collected.record(slot, recorder_.read(slot));
+      wave_.collected.record(slot, wave_.paths.expected[slot], recorder_.read(slot));
       recorder_.record(slot);
       if (wave_.normal_gradient) wave_.normal_gradient->record(wave_.paths, slot);
       if (source_.begin_path(wave_, slot)) continue;

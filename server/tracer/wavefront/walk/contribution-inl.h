@@ -52,20 +52,16 @@ HWY_NOINLINE inline void find_parts(const Wavefront& wave, Vectors direction, Ui
   }
 }
 
-// Light that arrives along paths, which weigh it: `score_sigma_t()`, in mm, and `score_slot(s)`
-// are those of the whole path. Of lanes where none arrives, it is 0.
-template <typename ScoreSigmaT, typename ScoreSlot>
-HWY_INLINE void add_contribution(Wavefront& wave, SlotGather at, Floats light,
-                                 const LightParts& parts, const ScoreSigmaT& score_sigma_t,
-                                 const ScoreSlot& score_slot) {
+// Light that arrives along paths, which weigh it, through a `length` in the object's medium since
+// their last vertex: `score_slot(s)` is that of the whole path. Of lanes where none arrives, it is
+// 0.
+template <typename ScoreSlot>
+HWY_INLINE void add_contribution(Wavefront& wave, SlotGather at, Floats light, Floats length,
+                                 const LightParts& parts, const ScoreSlot& score_slot) {
   Paths& paths = wave.paths;
   const Floats weight = at.get(paths.weight);
   const Floats contribution = weight * light;
   at.add(contribution, paths.radiance);
-  if (wave.medium_derivatives) {
-    at.add(contribution * score_sigma_t(), paths.d_sigma_t);
-    at.add(at.get(paths.dweight_dalbedo) * light, paths.d_albedo);
-  }
   for (size_t s = 0; s < paths.d_slots.size(); ++s) {
     at.add(contribution * score_slot(s), paths.d_slots[s]);
   }
@@ -74,7 +70,7 @@ HWY_INLINE void add_contribution(Wavefront& wave, SlotGather at, Floats light,
            wave.normal_gradient ? paths.edge_radiance[0]
                                 : paths.d_slots[paths.control_phase.size() + *wave.index_slot]);
   }
-  wave.collected.on_light(at, light);
+  wave.collected.on_light({at, light, contribution, length});
   for (size_t l = 0; l < paths.d_light.size(); ++l) {
     at.add(contribution * parts.of[l], paths.d_light[l]);
   }
@@ -193,8 +189,7 @@ inline void add_emission(Wavefront& wave, Ints slots, Mask live) {
         score_slot);
     return;
   }
-  add_contribution(
-      wave, at, arriving, parts, [&] { return at.get(paths.score_sigma_t); }, score_slot);
+  add_contribution(wave, at, arriving, hn::Zero(FloatTag()), parts, score_slot);
   if (wave.differentiated_map != nullptr) {
     add_to_map(wave, direction, live & hn::Eq(distance, set(kInfinity)),
                at.get(paths.weight) * mis_weight, slots);

@@ -82,23 +82,10 @@ HWY_INLINE void update_likelihoods(Wavefront& wave, size_t i, Mask scattered) {
 }
 
 // What flights add to scores and counts.
-//
-// The score of a free flight, s = [1/sigma_t if it ended in a scattering] - length inside, has
-// the expectation 0 whatever came before. So has the sum of s W over the flights, W being the
-// weight before each: subtracting any multiple of it from the derivative keeps it unbiased. As
-// the light that a path finds after a flight is about W times what it finds from the camera, the
-// pixel's value is the multiple that takes away most of the noise (a control variate: Williams,
-// "Simple statistical gradient-following algorithms", 1992). Likewise for g, in scatter.
 HWY_INLINE void update_scores(Wavefront& wave, size_t i, Mask scattered) {
   Paths& paths = wave.paths;
-  if (wave.medium_derivatives) {
-    const Floats length = load(paths.rays.medium_length, i);
-    Floats score = hn::IfThenElseZero(scattered, set(1 / wave.sigma_t)) - length;
-    score = of_object(wave.media, wave.medium(i), score);
-    store(load(paths.score_sigma_t, i) + score, paths.score_sigma_t, i);
-    store(mul_add(score, load(paths.weight, i), load(paths.control_sigma_t, i)),
-          paths.control_sigma_t, i);
-  }
+  wave.collected.on_flight({i, scattered, load(paths.rays.medium_length, i), wave.media,
+                            wave.medium(i), load(paths.weight, i)});
   if (!wave.colours.empty()) update_likelihoods(wave, i, scattered);
   const Uints entered =
       hn::ShiftRight<Rays::kEnteredBit>(load(paths.rays.outcome, i)) & set(uint32_t{1});

@@ -14,10 +14,6 @@ PathRecorder::PathRecorder(const RenderRequest& request, const Paths& paths, Fil
   for (size_t d = 0; d < request.derivatives.size(); ++d) {
     const Parameter& parameter = request.derivatives[d];
     switch (parameter.kind) {
-      case Parameter::kSigmaT:
-        derivatives_.push_back({d, &paths.d_sigma_t, &paths.control_sigma_t});
-        break;
-      case Parameter::kAlbedo: derivatives_.push_back({d, &paths.d_albedo}); break;
       case Parameter::kPhase: {
         const size_t slot = slots_of<PhaseFunction>()[parameter.slot].number;
         derivatives_.push_back({d, &paths.d_slots[slot], &paths.control_phase[slot]});
@@ -28,7 +24,9 @@ PathRecorder::PathRecorder(const RenderRequest& request, const Paths& paths, Fil
         derivatives_.push_back({d, &paths.d_slots[paths.control_phase.size() + slot]});
         break;
       }
-      case Parameter::kReflectance: break;
+      case Parameter::kSigmaT:
+      case Parameter::kAlbedo:
+      case Parameter::kReflectance: break;  // Collected
       case Parameter::kLightPlace: derivatives_.push_back({d, &paths.d_place[place++]}); break;
       case Parameter::kLightScale: derivatives_.push_back({d, &paths.d_light[light++]}); break;
     }

@@ -38,14 +38,9 @@ struct PathState {
   // or 0.
   FloatStates<> scattered_at{}, scattered_pdf{}, odds{};
 
-  // The weight W, d W / d albedo, and the score d log f / d sigma_t in mm.
+  // The weight W, and what was collected so far.
   FloatState<1> weight{};
-  FloatState<> dweight_dalbedo{};
-  FloatState<> score_sigma_t{};
-
-  // Collected so far, and control variates (see update_scores and scatter).
-  FloatState<> radiance{}, d_sigma_t{}, d_albedo{};
-  FloatState<> control_sigma_t{};
+  FloatState<> radiance{};
   // The scores in the slots of the phase function, and behind them in those of the boundary; what
   // is collected; and control variates for the phase function's.
   FloatStates<> score_slots{}, d_slots{}, control_phase{};
@@ -70,15 +65,13 @@ struct PathState {
   auto columns() {
     return std::tie(pixel, sample, expected, first_flight, vertex, alive, hit, leaked, steps,
                     delta_bounce, crossings, pdf, medium, scattered_at, scattered_pdf, odds, weight,
-                    dweight_dalbedo, score_sigma_t, radiance, d_sigma_t, d_albedo, control_sigma_t,
-                    score_slots, d_slots, control_phase, d_light, d_place, edge_weight,
+                    radiance, score_slots, d_slots, control_phase, d_light, d_place, edge_weight,
                     edge_radiance, colour_weight, colour_dweight, colour_edge, likelihood,
                     colour_score, colours, d_colours, flight_sigma_t);
   }
   // Columns that a factor of the path's weight multiplies.
   auto weights() {
-    return std::tie(weight, dweight_dalbedo, edge_weight, colour_weight, colour_dweight,
-                    colour_edge);
+    return std::tie(weight, edge_weight, colour_weight, colour_dweight, colour_edge);
   }
 };
 

@@ -103,17 +103,13 @@ HWY_INLINE void multiply_by_colours(Wavefront& wave, size_t i, const Vertices& v
   }
 }
 
-// W takes the factor. dW/d albedo takes it too, and W where the factor is the albedo.
+// W takes the factor.
 HWY_INLINE void multiply_by_factor(Wavefront& wave, size_t i, const Vertices& vertices) {
   Paths& paths = wave.paths;
   const Floats factor = vertices.factor, weight = load(paths.weight, i);
   const Mask by_albedo = in_object(wave.media, vertices.medium, vertices.in_medium);
   wave.collected.on_vertex({i, vertices, load(paths.rays.position, i), weight, by_albedo});
   store(weight * factor, paths.weight, i);
-  if (wave.medium_derivatives) {
-    store(load(paths.dweight_dalbedo, i) * factor + hn::IfThenElseZero(by_albedo, weight),
-          paths.dweight_dalbedo, i);
-  }
   for (FloatColumn& edge : paths.edge_weight) store(load(edge, i) * factor, edge, i);
 }
 
@@ -245,7 +241,7 @@ HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vert
     const auto ends = for_uints(hn::AndNot(above, vertices.on_surface));
     store(hn::IfThenZeroElse(ends, load(paths.alive, i)), paths.alive, i);
   }
-  // A control variate, as in update_scores.
+  // A control variate, as that of MediumDerivatives.
   for (size_t s = 0; s < paths.control_phase.size(); ++s) {
     const Floats score = hn::IfThenElseZero(vertices.in_medium, phase.scores[s]);
     FloatColumn &sum = paths.score_slots[s], &control = paths.control_phase[s];

@@ -225,10 +225,7 @@ inline void add_arriving(Wavefront& wave, Ints numbers, Mask live) {
     return;
   }
   const Floats light = arriving(shadow_rays.light);
-  add_contribution(
-      wave, at, light, parts,
-      [&] { return at.get(paths.score_sigma_t) - of_object(wave.media, medium, length); },
-      score_slot);
+  add_contribution(wave, at, light, of_object(wave.media, medium, length), parts, score_slot);
   if (wave.differentiated_map != nullptr) {
     add_to_map(wave, direction(), live,
                at.get(paths.weight) * arriving(shadow_rays.per_radiance[0]), at.slots);

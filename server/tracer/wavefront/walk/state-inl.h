@@ -27,12 +27,6 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// Whether derivatives in the medium are asked for; all of it are computed then.
-inline bool asks_for_medium(const RenderRequest& request) {
-  return std::any_of(request.derivatives.begin(), request.derivatives.end(),
-                     [](const Parameter& p) { return p.of_medium(); });
-}
-
 inline bool asks_for_boundary(const RenderRequest& request) {
   return std::any_of(request.derivatives.begin(), request.derivatives.end(),
                      [](const Parameter& p) { return p.kind == Parameter::kBoundary; });
@@ -321,15 +315,10 @@ HWY_INLINE Floats mean_weight(const Paths& paths, size_t i) {
   return sum * (1 / static_cast<float>(colours));
 }
 
-// The importance of a path, for roulette. In thick media of high albedo the derivative comes from
-// long paths, whose W is small but whose dW/d albedo is not.
+// The importance of a path, for roulette.
 HWY_INLINE Floats path_importance(const Wavefront& wave, size_t i) {
   const Paths& paths = wave.paths;
-  constexpr float kRouletteDerivative = 0.05F;
   Floats importance = mean_weight(paths, i);
-  if (wave.medium_derivatives) {
-    importance = hn::Max(importance, kRouletteDerivative * load(paths.dweight_dalbedo, i));
-  }
   importance = wave.collected.importance(importance, i);
   for (const FloatColumn& edge : paths.edge_weight) importance = hn::Max(importance, load(edge, i));
   return importance;

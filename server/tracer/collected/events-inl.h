@@ -1,0 +1,48 @@
+// What kinds of this folder are told of paths.
+#if defined(ITN_TRACER_COLLECTED_EVENTS_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_COLLECTED_EVENTS_INL_H_
+#undef ITN_TRACER_COLLECTED_EVENTS_INL_H_
+#else
+#define ITN_TRACER_COLLECTED_EVENTS_INL_H_
+#endif
+
+#include <cstddef>
+
+#include "server/tracer/wavefront/walk/media-inl.h"
+#include "server/tracer/wavefront/walk/vertices-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+// Paths in slots i, i + 1 ... have flown.
+struct Flight {
+  size_t i;
+  Mask scattered;  // whether the flight ended in a scattering
+  Floats length;   // inside the medium, in mm
+  const Media& media;
+  Uints medium;
+  Floats weight;  // W
+};
+
+// Paths in slots i, i + 1 ... are at their vertices, and their weights have not taken the factors
+// of these.
+struct Arrival {
+  size_t i;
+  const Vertices& vertices;
+  Vectors position;
+  Floats weight;   // W
+  Mask by_albedo;  // whether the factor is the albedo of the object's medium
+};
+
+// Light arrives along the paths in some slots; none where a lane is not meant.
+struct Light {
+  SlotGather at;
+  Floats by_weight;     // the light that a W of 1 would bring
+  Floats contribution;  // what W brings
+  Floats length;        // in the object's medium, in mm, since the last vertex
+};
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif
