@@ -22,80 +22,85 @@
 #include <cstddef>
 
 #include "server/tracer/collected/albedos-inl.h"
+#include "server/tracer/collected/light_places-inl.h"
+#include "server/tracer/collected/light_scales-inl.h"
+#include "server/tracer/collected/map_gradient-inl.h"
 #include "server/tracer/collected/medium-inl.h"
 #include "server/tracer/collected/reflectances-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-class Collected {
- public:
-  Collected(const Scene::Compiled& scene, const RenderRequest& request)
-      : medium_(request), albedos_(request), reflectances_(scene, request) {}
+struct Collected {
+  Collected(const Scene::Compiled& scene, const RenderRequest& request, FilmWriter& film)
+      : medium(request),
+        albedos(request),
+        reflectances(scene, request),
+        light_scales(request),
+        light_places(scene, request),
+        map_gradient(scene, request, film) {}
+
+  MediumDerivatives medium;
+  Albedos albedos;
+  Reflectances reflectances;
+  LightScales light_scales;
+  LightPlaces light_places;
+  MapGradient map_gradient;
+
+  // The list of those that have columns.
+  template <typename Visit>
+  static HWY_INLINE void for_each(auto& all, const Visit& visit) {
+    visit(all.medium);
+    visit(all.albedos);
+    visit(all.reflectances);
+    visit(all.light_scales);
+    visit(all.light_places);
+  }
 
   void begin(size_t slot) {
-    for_each([&](auto& kind) { begin_columns(kind.columns(), slot); });
+    for_each(*this, [&](auto& kind) { begin_columns(kind.columns(), slot); });
   }
   void move(size_t from, size_t to) {
-    for_each([&](auto& kind) { move_columns(kind.columns(), from, to); });
+    for_each(*this, [&](auto& kind) { move_columns(kind.columns(), from, to); });
   }
   void record(size_t slot, float expected, PathEstimate& estimate) {
-    for_each([&](auto& kind) { kind.record(slot, expected, estimate); });
+    for_each(*this, [&](auto& kind) { kind.record(slot, expected, estimate); });
   }
 
   // Calls visit(column) for all weights.
   template <typename Visit>
   HWY_INLINE void for_each_weight(const Visit& visit) {
-    for_each([&](auto& kind) {
+    for_each(*this, [&](auto& kind) {
       if constexpr (requires { kind.weights(); }) for_each_column(kind.weights(), visit);
     });
   }
   HWY_INLINE void on_vertex(const Arrival& arrival) {
-    for_each([&](auto& kind) {
+    for_each(*this, [&](auto& kind) {
       if constexpr (requires { kind.on_vertex(arrival); }) kind.on_vertex(arrival);
     });
   }
   HWY_INLINE void on_flight(const Flight& flight) {
-    for_each([&](auto& kind) {
+    for_each(*this, [&](auto& kind) {
       if constexpr (requires { kind.on_flight(flight); }) kind.on_flight(flight);
     });
   }
   HWY_INLINE void on_light(const Light& light) {
-    for_each([&](auto& kind) {
+    for_each(*this, [&](auto& kind) {
       if constexpr (requires { kind.on_light(light); }) kind.on_light(light);
     });
   }
   HWY_INLINE Floats importance(Floats least, size_t i) const {
-    for_each([&](const auto& kind) {
+    for_each(*this, [&](const auto& kind) {
       if constexpr (requires { kind.importance(least, i); }) least = kind.importance(least, i);
     });
     return least;
   }
   HWY_INLINE Floats throughput(Floats least, size_t i) const {
-    for_each([&](const auto& kind) {
+    for_each(*this, [&](const auto& kind) {
       if constexpr (requires { kind.throughput(least, i); }) least = kind.throughput(least, i);
     });
     return least;
   }
-
- private:
-  // The list of kinds.
-  template <typename Visit>
-  HWY_INLINE void for_each(const Visit& visit) {
-    visit(medium_);
-    visit(albedos_);
-    visit(reflectances_);
-  }
-  template <typename Visit>
-  HWY_INLINE void for_each(const Visit& visit) const {
-    visit(medium_);
-    visit(albedos_);
-    visit(reflectances_);
-  }
-
-  MediumDerivatives medium_;
-  Albedos albedos_;
-  Reflectances reflectances_;
 };
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -8,6 +8,7 @@
 
 #include <cstddef>
 
+#include "server/tracer/request/request.h"
 #include "server/tracer/wavefront/walk/media-inl.h"
 #include "server/tracer/wavefront/walk/vertices-inl.h"
 
@@ -34,12 +35,19 @@ struct Arrival {
   Mask by_albedo;  // whether the factor is the albedo of the object's medium
 };
 
+// The parts of light that are due to the lights of LightScales; or, if colours are rendered, what
+// it is in each. As multiples of it.
+struct LightParts {
+  Floats of[kMaxDerivatives];
+};
+
 // Light arrives along the paths in some slots; none where a lane is not meant.
 struct Light {
   SlotGather at;
   Floats by_weight;     // the light that a W of 1 would bring
   Floats contribution;  // what W brings
   Floats length;        // in the object's medium, in mm, since the last vertex
+  const LightParts& parts;
 };
 
 }  // namespace itn::tracer::HWY_NAMESPACE

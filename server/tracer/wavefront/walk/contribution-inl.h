@@ -10,25 +10,18 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "server/tracer/lights/environment_map.h"
 #include "server/tracer/lights/lights-inl.h"
 #include "server/tracer/wavefront/walk/state-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// The parts of light that are due to Wavefront::differentiated_lights; or, if colours are rendered,
-// what it is in each. As multiples of it.
-struct LightParts {
-  Floats of[kMaxDerivatives];
-};
-
 // Finds the parts of light from `source` (Lights::Light), or from far away in these directions.
 // Inlined, it slows down who asks for none.
 HWY_NOINLINE inline void find_parts(const Wavefront& wave, Vectors direction, Uints source,
                                     LightParts& parts) {
   const Lights& lights = wave.scene.lights;
-  const std::vector<size_t>& numbers = wave.differentiated_lights;
+  const std::vector<size_t>& numbers = wave.collected.light_scales.lights();
   const bool in_colours = !wave.colours.empty();
   const Floats zero = hn::Zero(FloatTag());
   for (size_t l = 0; l < wave.part_count; ++l) parts.of[l] = zero;
@@ -70,33 +63,7 @@ HWY_INLINE void add_contribution(Wavefront& wave, SlotGather at, Floats light, F
            wave.normal_gradient ? paths.edge_radiance[0]
                                 : paths.d_slots[paths.control_phase.size() + *wave.index_slot]);
   }
-  wave.collected.on_light({at, light, contribution, length});
-  for (size_t l = 0; l < paths.d_light.size(); ++l) {
-    at.add(contribution * parts.of[l], paths.d_light[l]);
-  }
-}
-
-// The same, for the gradient in the panorama's pixels: light from `direction` arrives where
-// `arrived` says, `per_radiance` of what is sent there, the path's weight included. `slots` are the
-// paths'.
-inline void add_to_map(Wavefront& wave, Vectors direction, Mask arrived, Floats per_radiance,
-                       Ints slots) {
-  const MapPlace at = place_of(*wave.differentiated_map, direction);
-  const Floats left = 1 - at.fx, top = 1 - at.fy;
-  const Ints pixels[] = {at.upper[0], at.upper[1], at.lower[0], at.lower[1]};
-  const Floats shares[] = {left * top, at.fx * top, left * at.fy, at.fx * at.fy};
-  alignas(64) int32_t slot[kMaxLanes], pixel[kMaxLanes];
-  alignas(64) float part[kMaxLanes];
-  hn::Store(slots, IntTag(), slot);
-  for (size_t k = 0; k < 4; ++k) {
-    hn::Store(pixels[k], IntTag(), pixel);
-    hn::Store(per_radiance * shares[k], FloatTag(), part);
-    for (Bits bits = bits_of(arrived); bits != 0; bits &= bits - 1) {
-      const auto lane = static_cast<size_t>(std::countr_zero(bits));
-      wave.film.add_to_map(wave.paths.pixel[slot[lane]], wave.paths.sample[slot[lane]],
-                           static_cast<size_t>(pixel[lane]), double{part[lane]});
-    }
-  }
+  wave.collected.on_light({at, light, contribution, length, parts});
 }
 
 // The same, for the gradient in normals: `light` reaches the pixels of the paths in `slots` by the
@@ -190,9 +157,9 @@ inline void add_emission(Wavefront& wave, Ints slots, Mask live) {
     return;
   }
   add_contribution(wave, at, arriving, hn::Zero(FloatTag()), parts, score_slot);
-  if (wave.differentiated_map != nullptr) {
-    add_to_map(wave, direction, live & hn::Eq(distance, set(kInfinity)),
-               at.get(paths.weight) * mis_weight, slots);
+  if (wave.collected.map_gradient.asked()) {
+    wave.collected.map_gradient.add(paths, direction, live & hn::Eq(distance, set(kInfinity)),
+                                    at.get(paths.weight) * mis_weight, slots);
   }
 }
 

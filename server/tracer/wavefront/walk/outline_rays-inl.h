@@ -37,20 +37,21 @@ inline void add_outline_rays(Wavefront& wave, OutlineRays& to, size_t i, const V
   append(kMaxOpticalDepth * free_path_of(wave.media, vertices.medium), to.rays.max_medium_length);
   if (to.rays.bounded) append(distance, to.rays.distance);
   for (size_t p = 0; p < places.size(); ++p) {
-    append(light * dot(outline.growth, set(wave.places[places[p]].axis)), to.light[p]);
+    append(light * dot(outline.growth, set(wave.collected.light_places.axis(places[p]))),
+           to.light[p]);
   }
   append(slots_from(i), to.slot);
   to.count += hn::CountTrue(FloatTag(), where);
 }
 
 inline void send_outline_rays(Wavefront& wave, size_t i, const Vertices& vertices) {
-  if (wave.outlined.empty()) return;
+  if (wave.collected.light_places.outlined().empty()) return;
   const Mask sent = sending(wave, i, vertices);
   if (hn::AllFalse(FloatTag(), sent)) return;
   const Lights& lights = wave.scene.lights;
   const Vectors position = if_then_else(sent, load(wave.paths.rays.position, i), set(Vec3f{}));
   const Words words = random(wave, i, load(wave.paths.vertex, i), Sampler::kOutline);
-  for (Wavefront::Outlined& of : wave.outlined) {
+  for (LightPlaces::Outlined& of : wave.collected.light_places.outlined()) {
     visit_kind(of.light.kind, [&]<typename Kind>(const Kind& kind) {
       if constexpr (requires { outline(kind, position, position.x, false); }) {
         for (const bool opposite : {false, true}) {
@@ -75,7 +76,7 @@ inline void send_outline_rays(Wavefront& wave, size_t i, const Vertices& vertice
 inline void trace_outline_rays(Wavefront& wave) {
   Paths& paths = wave.paths;
   const FloatTag d;
-  for (Wavefront::Outlined& of : wave.outlined) {
+  for (LightPlaces::Outlined& of : wave.collected.light_places.outlined()) {
     for (OutlineRays& rays : of.rays) {
       follow_lines(wave.scene.obstacles, rays.rays, rays.count, Report::kLengths,
                    wave.at_boundary());
@@ -89,7 +90,7 @@ inline void trace_outline_rays(Wavefront& wave) {
             part_arriving(wave, wave.medium_in(at.slots), load(rays.rays.medium_length, i));
         const Floats weight = hn::IfThenElseZero(arrived, at.get(paths.weight) * part);
         for (size_t p = 0; p < of.places.size(); ++p) {
-          at.add(weight * load(rays.light[p], i), paths.d_place[of.places[p]]);
+          wave.collected.light_places.add(at, weight * load(rays.light[p], i), of.places[p]);
         }
       }
       rays.count = 0;

@@ -10,7 +10,6 @@ PathRecorder::PathRecorder(const RenderRequest& request, const Paths& paths, Fil
     add_colours(request);
     return;
   }
-  size_t light = 0, place = 0;
   for (size_t d = 0; d < request.derivatives.size(); ++d) {
     const Parameter& parameter = request.derivatives[d];
     switch (parameter.kind) {
@@ -26,9 +25,9 @@ PathRecorder::PathRecorder(const RenderRequest& request, const Paths& paths, Fil
       }
       case Parameter::kSigmaT:
       case Parameter::kAlbedo:
-      case Parameter::kReflectance: break;  // Collected
-      case Parameter::kLightPlace: derivatives_.push_back({d, &paths.d_place[place++]}); break;
-      case Parameter::kLightScale: derivatives_.push_back({d, &paths.d_light[light++]}); break;
+      case Parameter::kReflectance:
+      case Parameter::kLightPlace:
+      case Parameter::kLightScale: break;  // Collected
     }
   }
 }

@@ -45,8 +45,6 @@ struct PathState {
   // is collected; and control variates for the phase function's.
   FloatStates<> score_slots{}, d_slots{}, control_phase{};
 
-  // What is collected for lights, and for their places.
-  FloatStates<> d_light{}, d_place{};
   // For derivatives in the boundary's index or normals: W times what edges weigh that the path has
   // followed, which make W 0 (BoundaryEdge). And for normals, what is collected with it.
   FloatStates<> edge_weight{}, edge_radiance{};
@@ -65,9 +63,9 @@ struct PathState {
   auto columns() {
     return std::tie(pixel, sample, expected, first_flight, vertex, alive, hit, leaked, steps,
                     delta_bounce, crossings, pdf, medium, scattered_at, scattered_pdf, odds, weight,
-                    radiance, score_slots, d_slots, control_phase, d_light, d_place, edge_weight,
-                    edge_radiance, colour_weight, colour_dweight, colour_edge, likelihood,
-                    colour_score, colours, d_colours, flight_sigma_t);
+                    radiance, score_slots, d_slots, control_phase, edge_weight, edge_radiance,
+                    colour_weight, colour_dweight, colour_edge, likelihood, colour_score, colours,
+                    d_colours, flight_sigma_t);
   }
   // Columns that a factor of the path's weight multiplies.
   auto weights() {

@@ -320,7 +320,7 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
   const PhaseValue phase =
       evaluate_phase(wave.media, medium, dot(load(paths.rays.direction, i), direction));
   Floats radiance = light.radiance;
-  if (wave.scene.lights.has_lamps() || wave.differentiated_map != nullptr) {
+  if (wave.scene.lights.has_lamps() || wave.collected.map_gradient.asked()) {
     radiance = hn::Max(radiance, hn::IfThenElseZero(dense, set(wave.mean_radiance())));
   }
   const Floats worth = radiance * (phase.value * passing) / (light_pdf * (pdf + phase.value));

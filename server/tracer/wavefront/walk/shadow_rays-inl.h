@@ -46,7 +46,7 @@ inline void send_mirrored_rays(Wavefront& wave, size_t i, const Vertices& vertic
   const auto [distance, light] = look(lights, position, to_light);
   const Floats reflected = transmit_boundary(wave.media, vertices.medium, at).reflected;
   const Floats zero = hn::Zero(d), undimmed = light.radiance * reflected;
-  if (wave.differentiated_map == nullptr) sent &= undimmed > 0;
+  if (!wave.collected.map_gradient.asked()) sent &= undimmed > 0;
   add_shadow_rays(wave, sent,
                   {.position = position,
                    .direction = to_light,
@@ -150,7 +150,7 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   const Floats undimmed = light.radiance * turn.value / pdf_sum;
   // What decides whether it is sent. For a gradient in a panorama, dark places count as well.
   Floats worth = undimmed, per_radiance = zero;
-  if (wave.differentiated_map != nullptr) {
+  if (wave.collected.map_gradient.asked()) {
     per_radiance = hn::IfThenElseZero(light.from_far(), turn.value / pdf_sum);
     worth = hn::Max(worth, per_radiance * wave.mean_radiance());
   }
@@ -226,9 +226,10 @@ inline void add_arriving(Wavefront& wave, Ints numbers, Mask live) {
   }
   const Floats light = arriving(shadow_rays.light);
   add_contribution(wave, at, light, of_object(wave.media, medium, length), parts, score_slot);
-  if (wave.differentiated_map != nullptr) {
-    add_to_map(wave, direction(), live,
-               at.get(paths.weight) * arriving(shadow_rays.per_radiance[0]), at.slots);
+  if (wave.collected.map_gradient.asked()) {
+    wave.collected.map_gradient.add(paths, direction(), live,
+                                    at.get(paths.weight) * arriving(shadow_rays.per_radiance[0]),
+                                    at.slots);
   }
   if (wave.normal_gradient) {
     add_to_normals(wave, numbers, at.get(paths.weight) * light, at.slots);

@@ -53,17 +53,7 @@ struct Wavefront {
         mirrors_shadow_rays(boundary_is_delta && refracts_shadow_rays),
         index_slot(differentiated_index(asked, compiled.boundary)),
         boundary_derivatives{index_slot.has_value(), asked.gradient_normals} {
-    for (const Parameter& parameter : asked.derivatives) {
-      if (parameter.kind == Parameter::kLightScale) {
-        differentiated_lights.push_back(parameter.index);
-      } else if (parameter.kind == Parameter::kLightPlace) {
-        const size_t slot = slots_of<LightDescription>()[parameter.slot].number;
-        places.push_back({parameter.index, compiled.lights.described(parameter.index).axes[slot]});
-      }
-    }
-    for (const Lights::Light& light : compiled.lights.all()) add_outlined(light);
     if (asked.gradient_light) {
-      differentiated_map = compiled.lights.map_of(*asked.gradient_light);
       shadow_rays.per_radiance.resize(1);
     }
     if (asked.gradient_normals) {
@@ -87,10 +77,8 @@ struct Wavefront {
     }
     paths.d_colours.resize(colours.size() * (2 + slots));
     paths.flight_sigma_t.resize(colours.empty() ? 0 : 1);
-    part_count = std::max(colours.size(), differentiated_lights.size());
+    part_count = std::max(colours.size(), collected.light_scales.lights().size());
     paths.medium.resize(media.several ? 1 : 0);
-    paths.d_light.resize(differentiated_lights.size());
-    paths.d_place.resize(places.size());
     paths.edge_weight.resize(boundary_derivatives.any() ? 1 : 0);
     paths.colour_edge.resize(index_slot ? colours.size() : 0);
     paths.crossing_edge_weight.resize(paths.edge_weight.size());
@@ -145,45 +133,15 @@ struct Wavefront {
   const float sigma_t;  // of the object
   const bool medium_derivatives;
   const float shadow_ray_threshold;  // of their roulette, as a radiance; 0: all are traced
-  std::vector<size_t> differentiated_lights;
-  // The places of lights that derivatives are asked for in: of which light, and along what.
-  struct Place {
-    size_t number;
-    Vec3f axis;
-  };
-  std::vector<Place> places;
-  // A light that such a place is of. The rays to its outline, on either side of it, and behind
-  // these to what else is seen there, have the light for the derivatives with these numbers in
-  // `places`.
-  struct Outlined {
-    const Lights::Light& light;
-    std::vector<size_t> places;
-    std::array<OutlineRays, 4> rays;
-  };
-  std::vector<Outlined> outlined;
-  void add_outlined(const Lights::Light& light) {
-    std::vector<size_t> own;
-    for (size_t p = 0; p < places.size(); ++p) {
-      if (places[p].number == light.number) own.push_back(p);
-    }
-    if (own.empty()) return;
-    outlined.push_back({light, own, {}});
-    for (OutlineRays& rays : outlined.back().rays) {
-      rays.light.resize(own.size());
-      rays.rays.bounded = scene.lights.has_near();
-    }
-  }
   // The medium of one of RenderRequest::colours.
   struct Colour {
     float sigma_t, albedo;
   };
   std::vector<Colour> colours;
-  size_t part_count = 0;  // of light: see LightParts (contribution-inl.h)
-  // The panorama in whose pixels a gradient is asked for, or null.
-  const EnvironmentMap* differentiated_map = nullptr;
+  size_t part_count = 0;  // of light: see LightParts
 
   Paths paths;
-  Collected collected{scene, request};
+  Collected collected{scene, request, film};
   size_t count = 0;  // of paths under way, in slots 0 .. count - 1
   ShadowRays shadow_rays;
   // Whether lines stop at the boundary, and then where those that were followed last did.
@@ -249,7 +207,7 @@ HWY_INLINE void add_shadow_rays(Wavefront& wave, Mask where, const SentShadowRay
   append(sent.light, to.light);
   if (wave.part_count > 0) append(sent.source, to.source);
   append(sent.importance, to.importance);
-  if (wave.differentiated_map != nullptr) append(sent.per_radiance, to.per_radiance[0]);
+  if (wave.collected.map_gradient.asked()) append(sent.per_radiance, to.per_radiance[0]);
   if (wave.normal_gradient) {
     append(sent.normal_score, to.normal_score);
     append(sent.triangle, to.triangle);

@@ -1,0 +1,87 @@
+// Derivatives in the places of lights, which rays to the lights' outlines bring
+// (wavefront/walk/outline_rays-inl.h).
+#if defined(ITN_TRACER_COLLECTED_LIGHT_PLACES_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_COLLECTED_LIGHT_PLACES_INL_H_
+#undef ITN_TRACER_COLLECTED_LIGHT_PLACES_INL_H_
+#else
+#define ITN_TRACER_COLLECTED_LIGHT_PLACES_INL_H_
+#endif
+
+#include <array>
+#include <cstddef>
+#include <tuple>
+#include <vector>
+
+#include "common/fields.h"
+#include "server/tracer/collected/events-inl.h"
+#include "server/tracer/collected/state_columns.h"
+#include "server/tracer/film/film_writer.h"
+#include "server/tracer/lights/lights-inl.h"
+#include "server/tracer/request/request.h"
+#include "server/tracer/scene/compiled_scene.h"
+#include "server/tracer/wavefront/walk/paths.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+class LightPlaces {
+ public:
+  // A light that moves. The rays to its outline, on either side of it, and behind these to what
+  // else is seen there, have the light for the derivatives with these numbers.
+  struct Outlined {
+    const Lights::Light& light;
+    std::vector<size_t> places;
+    std::array<OutlineRays, 4> rays;
+  };
+
+  LightPlaces(const Scene::Compiled& scene, const RenderRequest& request) {
+    std::vector<size_t> lights;
+    for (size_t d = 0; d < request.derivatives.size(); ++d) {
+      const Parameter& parameter = request.derivatives[d];
+      if (parameter.kind != Parameter::kLightPlace) continue;
+      const size_t slot = slots_of<LightDescription>()[parameter.slot].number;
+      lights.push_back(parameter.index);
+      by_place_.push_back(d);
+      axes_.push_back(scene.lights.described(parameter.index).axes[slot]);
+    }
+    collected_.resize(axes_.size());
+    for (const Lights::Light& light : scene.lights.all()) {
+      std::vector<size_t> own;
+      for (size_t p = 0; p < lights.size(); ++p) {
+        if (lights[p] == light.number) own.push_back(p);
+      }
+      if (own.empty()) continue;
+      outlined_.push_back({light, own, {}});
+      for (OutlineRays& rays : outlined_.back().rays) {
+        rays.light.resize(own.size());
+        rays.rays.bounded = scene.lights.has_near();
+      }
+    }
+  }
+
+  std::vector<Outlined>& outlined() { return outlined_; }
+  // Along which a place moves its light.
+  Vec3f axis(size_t place) const { return axes_[place]; }
+  HWY_INLINE void add(const SlotGather& at, Floats light, size_t place) {
+    at.add(light, collected_[place]);
+  }
+
+  auto columns() { return std::tie(collected_); }
+
+  void record(size_t slot, float /*expected*/, PathEstimate& estimate) const {
+    for (size_t p = 0; p < by_place_.size(); ++p) {
+      estimate.derivatives[by_place_[p]] = collected_[p][slot];
+    }
+  }
+
+ private:
+  std::vector<size_t> by_place_;  // which of the request's derivatives
+  std::vector<Vec3f> axes_;
+  std::vector<Outlined> outlined_;
+  FloatStates<> collected_;
+};
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif
