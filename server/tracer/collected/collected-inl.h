@@ -1,9 +1,10 @@
 // What paths collect beside their radiance. A kind of it is a class in a file of this folder, and
-// an entry of the list below. All of its functions but columns() and record() may be left out:
+// an entry of the list below. All of its functions but columns() may be left out:
 //
 //   columns()                    the columns that begin and move with a path
 //   weights()                    those of them that take every factor of a path's weight W, but for
 //                                those of vertices
+//   begin(slot), move(from, to)  what it knows of paths beside columns begins and moves
 //   on_vertex(arrival)           takes the vertices' factors into its weights
 //   on_flight(flight)            takes what a flight makes of scores
 //   on_light(light)              collects light that arrives
@@ -20,12 +21,14 @@
 #endif
 
 #include <cstddef>
+#include <optional>
 
 #include "server/tracer/collected/albedos-inl.h"
 #include "server/tracer/collected/light_places-inl.h"
 #include "server/tracer/collected/light_scales-inl.h"
 #include "server/tracer/collected/map_gradient-inl.h"
 #include "server/tracer/collected/medium-inl.h"
+#include "server/tracer/collected/normal_gradient.h"
 #include "server/tracer/collected/reflectances-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -38,7 +41,9 @@ struct Collected {
         reflectances(scene, request),
         light_scales(request),
         light_places(scene, request),
-        map_gradient(scene, request, film) {}
+        map_gradient(scene, request, film) {
+    if (request.gradient_normals) normal_gradient.emplace(scene, film);
+  }
 
   MediumDerivatives medium;
   Albedos albedos;
@@ -46,6 +51,7 @@ struct Collected {
   LightScales light_scales;
   LightPlaces light_places;
   MapGradient map_gradient;
+  std::optional<NormalGradient> normal_gradient;
 
   // The list of those that have columns.
   template <typename Visit>
@@ -55,16 +61,27 @@ struct Collected {
     visit(all.reflectances);
     visit(all.light_scales);
     visit(all.light_places);
+    if (all.normal_gradient) visit(*all.normal_gradient);
   }
 
   void begin(size_t slot) {
-    for_each(*this, [&](auto& kind) { begin_columns(kind.columns(), slot); });
+    for_each(*this, [&](auto& kind) {
+      begin_columns(kind.columns(), slot);
+      if constexpr (requires { kind.begin(slot); }) kind.begin(slot);
+    });
   }
   void move(size_t from, size_t to) {
-    for_each(*this, [&](auto& kind) { move_columns(kind.columns(), from, to); });
+    for_each(*this, [&](auto& kind) {
+      move_columns(kind.columns(), from, to);
+      if constexpr (requires { kind.move(from, to); }) kind.move(from, to);
+    });
   }
   void record(size_t slot, float expected, PathEstimate& estimate) {
-    for_each(*this, [&](auto& kind) { kind.record(slot, expected, estimate); });
+    for_each(*this, [&](auto& kind) {
+      if constexpr (requires { kind.record(slot, expected, estimate); }) {
+        kind.record(slot, expected, estimate);
+      }
+    });
   }
 
   // Calls visit(column) for all weights.

@@ -25,7 +25,7 @@
 //   weight W    what light at the end of the path counts: the product of the factors along it
 //   score       the derivative of the logarithm of the path's density by a parameter
 //   boundary turn  where a path crosses the boundary, or is reflected there: it is remembered for
-//               a gradient in normals (normal_gradient.h)
+//               a gradient in normals (collected/normal_gradient.h)
 //   delta bounce  the last vertex draws no shadow ray: light ahead counts whole
 //   colour      one of the media of a request whose images share their paths
 //   likelihood  the density of a path in a colour, over the mean of all of them (flight-inl.h)
@@ -100,6 +100,7 @@ class Walk {
         recorder_(request, wave_.paths, film) {}
 
   void run(const std::stop_token& stop) {
+    std::optional<NormalGradient>& normals = wave_.collected.normal_gradient;
     fill();
     while (wave_.count > 0) {
       if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "the render was stopped");
@@ -111,7 +112,7 @@ class Walk {
       }
       trace_shadow_rays(wave_);
       trace_outline_rays(wave_);
-      note_radiance_at_turns(wave_);
+      if (normals) normals->note_radiance(wave_.paths.radiance);
       russian_roulette(wave_, roulette_);
       finish();
     }
@@ -125,11 +126,12 @@ class Walk {
   // Records paths that have ended, and puts new ones in their place; where there are no more, the
   // last path moves there.
   void finish() {
+    std::optional<NormalGradient>& normals = wave_.collected.normal_gradient;
     for (size_t slot = wave_.count; slot-- > 0;) {
       if (wave_.paths.alive[slot] != 0) continue;
       wave_.collected.record(slot, wave_.paths.expected[slot], recorder_.read(slot));
       recorder_.record(slot);
-      if (wave_.normal_gradient) wave_.normal_gradient->record(wave_.paths, slot);
+      if (normals) normals->record(wave_.paths, slot);
       if (source_.begin_path(wave_, slot)) continue;
       --wave_.count;
       if (slot != wave_.count) wave_.move(wave_.count, slot);

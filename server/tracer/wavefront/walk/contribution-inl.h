@@ -60,8 +60,9 @@ HWY_INLINE void add_contribution(Wavefront& wave, SlotGather at, Floats light, F
   }
   for (const FloatColumn& edge : paths.edge_weight) {
     at.add(at.get(edge) * light,
-           wave.normal_gradient ? paths.edge_radiance[0]
-                                : paths.d_slots[paths.control_phase.size() + *wave.index_slot]);
+           wave.collected.normal_gradient
+               ? wave.collected.normal_gradient->edge_radiance()
+               : paths.d_slots[paths.control_phase.size() + *wave.index_slot]);
   }
   wave.collected.on_light({at, light, contribution, length, parts});
 }
@@ -80,7 +81,7 @@ inline void add_to_normals(Wavefront& wave, Ints numbers, Floats light, Ints slo
   for (Bits bits = bits_of(some); bits != 0; bits &= bits - 1) {
     const auto lane = static_cast<size_t>(std::countr_zero(bits));
     const auto ray = static_cast<size_t>(number[lane]);
-    wave.normal_gradient->add(
+    wave.collected.normal_gradient->add(
         wave.paths.pixel[slot[lane]], wave.paths.sample[slot[lane]],
         {rays.triangle[ray], rays.rays.position.at(ray), rays.normal_score.at(ray)},
         double{part[lane]});

@@ -11,7 +11,6 @@
 #include "server/tracer/geometry/rays.h"
 #include "server/tracer/request/request.h"
 #include "server/tracer/simd/columns.h"
-#include "server/tracer/wavefront/walk/normal_gradient.h"
 
 namespace itn::tracer {
 
@@ -46,8 +45,8 @@ struct PathState {
   FloatStates<> score_slots{}, d_slots{}, control_phase{};
 
   // For derivatives in the boundary's index or normals: W times what edges weigh that the path has
-  // followed, which make W 0 (BoundaryEdge). And for normals, what is collected with it.
-  FloatStates<> edge_weight{}, edge_radiance{};
+  // followed, which make W 0 (BoundaryEdge).
+  FloatStates<> edge_weight{};
 
   // For RenderRequest::colours, of each (flight-inl.h): W, d W / d albedo, and what `edge_weight`
   // is to W; how likely the path is in this colour; the score in sigma_t; radiance, and its
@@ -63,9 +62,9 @@ struct PathState {
   auto columns() {
     return std::tie(pixel, sample, expected, first_flight, vertex, alive, hit, leaked, steps,
                     delta_bounce, crossings, pdf, medium, scattered_at, scattered_pdf, odds, weight,
-                    radiance, score_slots, d_slots, control_phase, edge_weight, edge_radiance,
-                    colour_weight, colour_dweight, colour_edge, likelihood, colour_score, colours,
-                    d_colours, flight_sigma_t);
+                    radiance, score_slots, d_slots, control_phase, edge_weight, colour_weight,
+                    colour_dweight, colour_edge, likelihood, colour_score, colours, d_colours,
+                    flight_sigma_t);
   }
   // Columns that a factor of the path's weight multiplies.
   auto weights() {
@@ -90,8 +89,6 @@ struct Paths : PathState {
   // What the boundary multiplies the path's weight by, once the vertex's shadow rays are traced.
   FloatColumn crossing_weight{};
   std::vector<FloatColumn> crossing_edge_weight;  // and what it adds to `edge_weight`, by W
-  // By slot, for a gradient in normals: where the path has crossed the boundary.
-  std::vector<std::vector<BoundaryTurn>> turns;
 
   void move(size_t from, size_t to) {
     rays.position.set(to, rays.position.at(from));
@@ -99,14 +96,10 @@ struct Paths : PathState {
     rays.interaction[to] = rays.interaction[from];
     rays.normal.set(to, rays.normal.at(from));
     move_columns(columns(), from, to);
-    if (!turns.empty()) turns[to].swap(turns[from]);
   }
 
   // All but the ray and the sample.
-  void begin(size_t slot) {
-    begin_columns(columns(), slot);
-    if (!turns.empty()) turns[slot].clear();
-  }
+  void begin(size_t slot) { begin_columns(columns(), slot); }
 };
 
 // The shadow rays that survived their roulette.

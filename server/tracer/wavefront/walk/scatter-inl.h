@@ -139,19 +139,10 @@ inline void note_turns(Wavefront& wave, size_t i, Mask where, const Crossing& at
   for (Bits bits = bits_of(where & goes_on & scored); bits != 0; bits &= bits - 1) {
     const auto lane = static_cast<size_t>(std::countr_zero(bits));
     const size_t slot = i + lane;
-    paths.turns[slot].push_back(
-        {{wave.crossings.triangle[slot], paths.rays.position.at(slot), score.at(lane)},
-         (edges >> lane & 1) != 0});
-    wave.turned.push_back(slot);
+    wave.collected.normal_gradient->note(
+        slot, {wave.crossings.triangle[slot], paths.rays.position.at(slot), score.at(lane)},
+        (edges >> lane & 1) != 0);
   }
-}
-
-// What they have collected before, once all shadow rays are traced.
-inline void note_radiance_at_turns(Wavefront& wave) {
-  for (const size_t slot : wave.turned) {
-    wave.paths.turns[slot].back().radiance = wave.paths.radiance[slot];
-  }
-  wave.turned.clear();
 }
 
 // At a boundary that stops lines: draws the next direction with its pdf, and which side it is on.
@@ -184,7 +175,7 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
   for (FloatColumn& by : paths.crossing_edge_weight) {
     store(hn::IfThenElseZero(edge, next.edge_weight), by, i);
   }
-  if (wave.normal_gradient) note_turns(wave, i, where, vertices.crossing, next, edge);
+  if (wave.collected.normal_gradient) note_turns(wave, i, where, vertices.crossing, next, edge);
   direction = if_then_else(where, next.direction, direction);
   pdf = hn::IfThenElse(where, next.pdf, pdf);
   store(hn::IfThenElse(where, next.weight, set(1.0F)), paths.crossing_weight, i);

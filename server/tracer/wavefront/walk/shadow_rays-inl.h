@@ -231,7 +231,7 @@ inline void add_arriving(Wavefront& wave, Ints numbers, Mask live) {
                                     at.get(paths.weight) * arriving(shadow_rays.per_radiance[0]),
                                     at.slots);
   }
-  if (wave.normal_gradient) {
+  if (wave.collected.normal_gradient) {
     add_to_normals(wave, numbers, at.get(paths.weight) * light, at.slots);
   }
 }

@@ -56,11 +56,6 @@ struct Wavefront {
     if (asked.gradient_light) {
       shadow_rays.per_radiance.resize(1);
     }
-    if (asked.gradient_normals) {
-      normal_gradient.emplace(compiled, to);
-      paths.turns.resize(kSlots);
-      paths.edge_radiance.resize(1);
-    }
     const size_t phase_slots = medium_derivatives ? slot_count(media.object().phase) : 0;
     const size_t slots =
         phase_slots + (asks_for_boundary(asked) ? slot_count(compiled.boundary) : 0);
@@ -150,8 +145,6 @@ struct Wavefront {
   const bool searches_facets, mirrors_shadow_rays;  // if they are refracted
   const std::optional<size_t> index_slot;           // of the boundary, for a derivative
   const BoundaryDerivatives boundary_derivatives;
-  std::optional<NormalGradient> normal_gradient;
-  std::vector<size_t> turned;  // slots whose last turn is new
   RefractedRays refracted_rays, aimed_again;
   OddsRays odds_rays, shadow_odds;
   Crossings crossings;
@@ -208,7 +201,7 @@ HWY_INLINE void add_shadow_rays(Wavefront& wave, Mask where, const SentShadowRay
   if (wave.part_count > 0) append(sent.source, to.source);
   append(sent.importance, to.importance);
   if (wave.collected.map_gradient.asked()) append(sent.per_radiance, to.per_radiance[0]);
-  if (wave.normal_gradient) {
+  if (wave.collected.normal_gradient) {
     append(sent.normal_score, to.normal_score);
     append(sent.triangle, to.triangle);
   }

@@ -9,9 +9,11 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <tuple>
 #include <vector>
 
 #include "common/vec.h"
+#include "server/tracer/collected/state_columns.h"
 #include "server/tracer/film/film_writer.h"
 #include "server/tracer/scene/compiled_scene.h"
 
@@ -36,7 +38,23 @@ struct Paths;
 
 class NormalGradient {
  public:
-  NormalGradient(const Scene::Compiled& scene, FilmWriter& film) : scene_(scene), film_(film) {}
+  NormalGradient(const Scene::Compiled& scene, FilmWriter& film)
+      : scene_(scene), film_(film), turns_(kSlots) {}
+
+  // The path in a slot turns.
+  void note(size_t slot, const NormalScore& normal, bool edge) {
+    turns_[slot].push_back({normal, edge});
+    turned_.push_back(slot);
+  }
+  // What paths had collected before their new turns, once all shadow rays are traced.
+  void note_radiance(const FloatColumn& radiance);
+
+  // The light that edges bring.
+  FloatColumn& edge_radiance() { return edge_radiance_; }
+  auto columns() { return std::tie(edge_radiance_); }
+  void begin(size_t slot) { turns_[slot].clear(); }
+  void move(size_t from, size_t to) { turns_[to].swap(turns_[from]); }
+
   // Light that reaches the pixel of a sample.
   void add(uint32_t pixel, uint32_t sample, const NormalScore& at, double light);
   // A path that has ended.
@@ -45,6 +63,9 @@ class NormalGradient {
  private:
   const Scene::Compiled& scene_;
   FilmWriter& film_;
+  std::vector<std::vector<BoundaryTurn>> turns_;  // by slot
+  std::vector<size_t> turned_;                    // slots whose last turn is new
+  FloatState<> edge_radiance_{};
 };
 
 }  // namespace itn::tracer

@@ -1,4 +1,4 @@
-#include "server/tracer/wavefront/walk/normal_gradient.h"
+#include "server/tracer/collected/normal_gradient.h"
 
 #include <algorithm>
 #include <array>
@@ -34,10 +34,15 @@ void NormalGradient::add(uint32_t pixel, uint32_t sample, const NormalScore& at,
                        {across * parts[0], across * parts[1], across * parts[2]});
 }
 
+void NormalGradient::note_radiance(const FloatColumn& radiance) {
+  for (const size_t slot : turned_) turns_[slot].back().radiance = radiance[slot];
+  turned_.clear();
+}
+
 void NormalGradient::record(const Paths& paths, size_t slot) {
   if (paths.leaked[slot] != 0) return;
-  for (const BoundaryTurn& turn : paths.turns[slot]) {
-    const double light = turn.edge ? double{paths.edge_radiance[0][slot]}
+  for (const BoundaryTurn& turn : turns_[slot]) {
+    const double light = turn.edge ? double{edge_radiance_[slot]}
                                    : double{paths.radiance[slot]} - double{turn.radiance};
     if (light != 0) add(paths.pixel[slot], paths.sample[slot], turn.normal, light);
   }
