@@ -170,6 +170,26 @@ void warn_if_near(const v1::FitPose& pose, double size) {
       pose.image(), size, pose.range());
 }
 
+// Files in a folder: the options of its fit, and its poses, a FitResult without results.
+constexpr const char *kOptionsFile = "options.txt", *kPosesFile = "poses.textproto";
+
+fs::path photograph_file(const fs::path& folder, const FitOptions& options, size_t i) {
+  return folder /
+         (options.images.size() == 1 ? "photograph.exr" : fmt::format("photograph_{}.exr", i));
+}
+
+// What the refinement takes from an image of an object that is posed.
+void set_seen(const FitOptions& options, const Image& image, const v1::FitPose& pose,
+              RefineOptions& refine) {
+  const std::vector<float>& mask = image.channel("mask.Y");
+  refine.block = block_of(mask, image.width, pose.image());
+  set_model_error(options.shape_error, mask, image.width, refine);
+  if (options.refine.init != "mean") return;
+  const v1::Material& start = pose.start();
+  refine.init = fmt::format("{},{},{}", start.sigma_t(), start.albedo(), start.g());
+  refine.starts = 1;
+}
+
 // Writes photographs and scenes that a refinement is of, as files that can be corrected, and says
 // which they are.
 void write_posed_scenes(FitOptions options, const fs::path& folder, RefineOptions& refine,
@@ -210,28 +230,38 @@ void write_posed_scenes(FitOptions options, const fs::path& folder, RefineOption
       pose.set_turn_ambiguous(stand.turn_ambiguous);
       if (is_in_sun(options)) pose.set_sun_elevation(stand.stand.sun_elevation);
     }
+    *pose.mutable_start() = to_proto(of_similar_light(stand.material, options.g));
     warn_if_near(pose, longest_side(bounds(mesh)));
     // The flash is that of the first photograph.
     if (!options.card_distance) options.card_distance = flash_range(stand.stand, mesh, options);
     place(stand.stand, mesh, options, scene);
     write_overlay(folder / fmt::format("pose{}.png", stem), photograph, mesh, found.pose);
     photograph.image.channels["mask.Y"] = pixels_of_object(photograph, mesh, found.pose);
-    const std::vector<float>& mask = photograph.image.channel("mask.Y");
-    refine.block = block_of(mask, photograph.side, photograph.name);
-    set_model_error(options.shape_error, mask, photograph.side, refine);
-    if (options.refine.init == "mean") {
-      const Material start = of_similar_light(stand.material, options.g);
-      refine.init = fmt::format("{},{},{}", start.sigma_t, start.albedo, start.g);
-      refine.starts = 1;
-    }
+    set_seen(options, photograph.image, pose, refine);
     add_disturbances(disturbances_of(photograph, mesh, stand, loaded, options, pool),
                      photograph.image);
-    const fs::path image_file = folder / fmt::format("photograph{}.exr", stem);
-    write_exr(image_file, photograph.image);
+    write_exr(photograph_file(folder, options, i), photograph.image);
     write_file_atomically(scene_file, to_text_proto(scene));
-    refine.images.push_back(image_file.string());
+    refine.images.push_back(photograph_file(folder, options, i).string());
     refine.scenes.push_back(scene_file.string());
   }
+}
+
+// Takes up what a fit that was stopped has written, if it has found where all stands.
+bool read_posed_scenes(const FitOptions& options, const fs::path& folder, RefineOptions& refine,
+                       v1::FitResult& result) {
+  const fs::path file = folder / kPosesFile;
+  if (!fs::exists(file) || !fs::exists(folder / kOptionsFile)) return false;
+  parse_text_proto(read_file(file, "poses"), file.string(), result);
+  for (size_t i = 0; i < options.images.size(); ++i) {
+    const v1::FitPose& pose = result.poses(static_cast<int>(i));
+    const fs::path image_file = photograph_file(folder, options, i);
+    set_seen(options, read_exr(image_file), pose, refine);
+    refine.images.push_back(image_file.string());
+    refine.scenes.push_back(pose.scene());
+  }
+  spdlog::info("{} says where all stands: it is not searched again", file.string());
+  return true;
 }
 
 // What is found with the material, and how well it was known.
@@ -283,8 +313,8 @@ std::string to_text(const v1::FitResult& result, const fs::path& folder) {
   }
   text += to_table(std::vector(result.results().begin(), result.results().end()));
   text += std::ranges::all_of(result.results(), has_intervals)
-              ? "lengths in mm, with 95 % intervals, which know nothing of an error of "
-                "shape, size or focal length\n"
+              ? "lengths in mm, with 95 % intervals, which know nothing of an error of size "
+                "or focal length, nor of a larger error of shape than --shape-error\n"
               : "lengths in mm\n";
   return text + fmt::format("for renderers: itn materials --refined {} --format openpbr\n",
                             folder.string());
@@ -296,7 +326,8 @@ std::string in_words(const FitOptions& options) {
   return fmt::format(
       "photographs: {}\nscenes: {}\nshape: {}, size {}, mesh unit {}, repair {}\nlight: {}, flash "
       "{} within "
-      "{}, panorama {}, sun {}, camera {} within {}\ncard: {} of {} at {} within {}\nfocal length: "
+      "{}, panorama {}, sun {}, camera {} within {}\nshape within {}\ncard: {} of {} at {} within "
+      "{}\nfocal length: "
       "{}\nindex: {} "
       "within {}\ng: {} within {}, of each colour {}\nresolution: {}, luminance {}\nmask: "
       "{}\nstart: {}, {} starts, "
@@ -309,6 +340,7 @@ std::string in_words(const FitOptions& options) {
       options.panorama_turn.empty() ? "found"
                                     : fmt::format("{}", fmt::join(options.panorama_turn, ",")),
       options.sun_elevation.value_or(0), fmt::join(options.camera_down, ","), options.turn_error,
+      options.shape_error,
       photograph.gray_card
           ? fmt::format("{},{},{},{}", photograph.gray_card->x, photograph.gray_card->y,
                         photograph.gray_card->width, photograph.gray_card->height)
@@ -319,8 +351,6 @@ std::string in_words(const FitOptions& options) {
       photograph.mask, options.refine.init, options.refine.starts, options.refine.seed,
       options.refine.max_spp);
 }
-
-constexpr const char* kOptionsFile = "options.txt";
 
 // None goes on in the folder of another one.
 void require_same(const FitOptions& options, const fs::path& folder) {
@@ -372,13 +402,15 @@ void run_fit(const FitOptions& options) {
   RefineOptions refine = options.refine;
   refine.expected_g = options.g;
   refine.known_within[kKnownG] = options.g_error > 0 ? options.g_error : kAsGiven;
-  if (options.scenes.empty()) {
-    write_posed_scenes(options, folder, refine, result);
-    set_unknowns(options, refine);
-  } else {
+  if (!options.scenes.empty()) {
     prepare_given_scenes(options, folder, refine);
+    write_file_atomically(folder / kOptionsFile, in_words(options));
+  } else if (!read_posed_scenes(options, folder, refine, result)) {
+    write_posed_scenes(options, folder, refine, result);
+    write_file_atomically(folder / kOptionsFile, in_words(options));
+    write_file_atomically(folder / kPosesFile, to_text_proto(result));
   }
-  write_file_atomically(folder / kOptionsFile, in_words(options));
+  if (options.scenes.empty()) set_unknowns(options, refine);
   refine.seconds_before =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   const std::vector<v1::RefineResult> found = find_materials(refine);

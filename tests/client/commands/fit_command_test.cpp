@@ -182,6 +182,24 @@ TEST_F(FitCommand, FindsPoseAndMaterial) {
   EXPECT_EQ(again.exit_code, 0) << again.errors;
 }
 
+// Where the object stands is not searched again once it was found.
+TEST_F(FitCommand, GoesOnWhereItWasStopped) {
+  // One iteration at least.
+  const auto fit = [&](const std::string& time_limit) {
+    Arguments arguments = command({"--object-size", "45", "--focal-length",
+                                   std::to_string(kFocalLength), "--time-limit", time_limit});
+    *(std::ranges::find(arguments, "-o") + 1) = folder_->path("stopped");
+    return run(arguments);
+  };
+  ASSERT_EQ(fit("0.001").exit_code, 0);
+  const auto poses = [&] { return read_file(folder_->path("stopped/poses.textproto"), "poses"); };
+  const std::string before = poses();
+  const Finished done = fit("0.002");
+  ASSERT_EQ(done.exit_code, 0) << done.errors;
+  EXPECT_THAT(done.errors, HasSubstr("it is not searched again"));
+  EXPECT_EQ(poses(), before);
+}
+
 // A slab, which is a cube of three sides.
 TEST_F(FitCommand, TakesSidesOfABox) {
   std::string scene = kPhotographed;
