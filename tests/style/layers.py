@@ -8,7 +8,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 TRACER = ROOT / "server/tracer"
 # From the lowest floor up; rooms of one floor do not know each other.
 FLOORS = [{"simd", "colour"}, {"random"}, {"phase", "boundary", "lights", "surfaces"}, {"parameters"}, {"geometry"}, {"scene"},
-          {"request"}, {"film"}, {"reference", "wavefront"}, {""}]
+          {"request"}, {"film"}, {"collected"}, {"reference", "wavefront"}, {""}]
 FLOOR_OF = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
 
 faults = []

@@ -28,7 +28,7 @@ class Albedos {
   auto columns() { return std::tie(weights_, radiance_); }
   auto weights() { return std::tie(weights_); }
 
-  HWY_INLINE void on_vertex(const Arrival& at) {
+  HWY_INLINE void on_vertex(const AtVertex& at) {
     for (size_t a = 0; a < weights_.size(); ++a) {
       const Floats albedo = set(static_cast<float>(request_.albedos[a]));
       const Floats factor = hn::IfThenElse(at.by_albedo, albedo, at.vertices.factor);

@@ -5,7 +5,7 @@
 //   weights()                    those of them that take every factor of a path's weight W, but for
 //                                those of vertices
 //   begin(slot), move(from, to)  what it knows of paths beside columns begins and moves
-//   on_vertex(arrival)           takes the vertices' factors into its weights
+//   on_vertex(at)           takes the vertices' factors into its weights
 //   on_flight(flight)            takes what a flight makes of scores
 //   on_light(light)              collects light that arrives
 //   importance(least, i)         what the paths are worth to it, or `least` if that is more: for
@@ -91,9 +91,9 @@ struct Collected {
       if constexpr (requires { kind.weights(); }) for_each_column(kind.weights(), visit);
     });
   }
-  HWY_INLINE void on_vertex(const Arrival& arrival) {
+  HWY_INLINE void on_vertex(const AtVertex& at) {
     for_each(*this, [&](auto& kind) {
-      if constexpr (requires { kind.on_vertex(arrival); }) kind.on_vertex(arrival);
+      if constexpr (requires { kind.on_vertex(at); }) kind.on_vertex(at);
     });
   }
   HWY_INLINE void on_flight(const Flight& flight) {

@@ -8,9 +8,9 @@
 
 #include <cstddef>
 
+#include "server/tracer/collected/media-inl.h"
+#include "server/tracer/collected/vertices-inl.h"
 #include "server/tracer/request/request.h"
-#include "server/tracer/wavefront/walk/media-inl.h"
-#include "server/tracer/wavefront/walk/vertices-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
@@ -27,7 +27,7 @@ struct Flight {
 
 // Paths in slots i, i + 1 ... are at their vertices, and their weights have not taken the factors
 // of these.
-struct Arrival {
+struct AtVertex {
   size_t i;
   const Vertices& vertices;
   Vectors position;

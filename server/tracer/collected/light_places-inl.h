@@ -16,13 +16,21 @@
 #include "server/tracer/collected/events-inl.h"
 #include "server/tracer/collected/state_columns.h"
 #include "server/tracer/film/film_writer.h"
+#include "server/tracer/geometry/rays.h"
 #include "server/tracer/lights/lights-inl.h"
 #include "server/tracer/request/request.h"
 #include "server/tracer/scene/compiled_scene.h"
-#include "server/tracer/wavefront/walk/paths.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
+
+// Rays that are sent to the outlines of lights (wavefront/walk/outline_rays-inl.h).
+struct OutlineRays {
+  Rays rays;
+  UintColumn slot{};               // of the path
+  std::vector<FloatColumn> light;  // as that of ShadowRays, for each of some derivatives
+  size_t count = 0;
+};
 
 class LightPlaces {
  public:

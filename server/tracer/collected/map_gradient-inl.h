@@ -16,7 +16,6 @@
 #include "server/tracer/request/request.h"
 #include "server/tracer/scene/compiled_scene.h"
 #include "server/tracer/simd/lanes-inl.h"
-#include "server/tracer/wavefront/walk/paths.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
@@ -32,7 +31,8 @@ class MapGradient {
 
   // Light from `direction` arrives where `arrived` says, `per_radiance` of what is sent there, the
   // weight of the paths in `slots` included.
-  void add(const Paths& paths, Vectors direction, Mask arrived, Floats per_radiance, Ints slots) {
+  void add(const UintColumn& pixels_of_paths, const UintColumn& samples, Vectors direction,
+           Mask arrived, Floats per_radiance, Ints slots) {
     const MapPlace at = place_of(*map_, direction);
     const Floats left = 1 - at.fx, top = 1 - at.fy;
     const Ints pixels[] = {at.upper[0], at.upper[1], at.lower[0], at.lower[1]};
@@ -45,7 +45,7 @@ class MapGradient {
       hn::Store(per_radiance * shares[k], FloatTag(), part);
       for (Bits bits = bits_of(arrived); bits != 0; bits &= bits - 1) {
         const auto lane = static_cast<size_t>(std::countr_zero(bits));
-        film_.add_to_map(paths.pixel[slot[lane]], paths.sample[slot[lane]],
+        film_.add_to_map(pixels_of_paths[slot[lane]], samples[slot[lane]],
                          static_cast<size_t>(pixel[lane]), double{part[lane]});
       }
     }

@@ -58,7 +58,7 @@ class MediumDerivatives {
     store(mul_add(score, flight.weight, load(control_, i)), control_, i);
   }
 
-  HWY_INLINE void on_vertex(const Arrival& at) {
+  HWY_INLINE void on_vertex(const AtVertex& at) {
     if (!asked_) return;
     const Floats gain = hn::IfThenElseZero(at.by_albedo, at.weight);
     store(load(d_weight_, at.i) * at.vertices.factor + gain, d_weight_, at.i);

@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "common/geometry/mesh.h"
-#include "server/tracer/wavefront/walk/paths.h"
 
 namespace itn::tracer {
 void NormalGradient::add(uint32_t pixel, uint32_t sample, const NormalScore& at, double light) {
@@ -39,12 +38,11 @@ void NormalGradient::note_radiance(const FloatColumn& radiance) {
   turned_.clear();
 }
 
-void NormalGradient::record(const Paths& paths, size_t slot) {
-  if (paths.leaked[slot] != 0) return;
+void NormalGradient::record(uint32_t pixel, uint32_t sample, size_t slot, float radiance) {
   for (const BoundaryTurn& turn : turns_[slot]) {
-    const double light = turn.edge ? double{edge_radiance_[slot]}
-                                   : double{paths.radiance[slot]} - double{turn.radiance};
-    if (light != 0) add(paths.pixel[slot], paths.sample[slot], turn.normal, light);
+    const double light =
+        turn.edge ? double{edge_radiance_[slot]} : double{radiance} - double{turn.radiance};
+    if (light != 0) add(pixel, sample, turn.normal, light);
   }
 }
 

@@ -34,8 +34,6 @@ struct BoundaryTurn {
   float radiance = 0;  // that was collected before
 };
 
-struct Paths;
-
 class NormalGradient {
  public:
   NormalGradient(const Scene::Compiled& scene, FilmWriter& film)
@@ -57,8 +55,8 @@ class NormalGradient {
 
   // Light that reaches the pixel of a sample.
   void add(uint32_t pixel, uint32_t sample, const NormalScore& at, double light);
-  // A path that has ended.
-  void record(const Paths& paths, size_t slot);
+  // The path in a slot has ended, and has collected this.
+  void record(uint32_t pixel, uint32_t sample, size_t slot, float radiance);
 
  private:
   const Scene::Compiled& scene_;

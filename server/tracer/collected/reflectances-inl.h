@@ -40,7 +40,7 @@ class Reflectances {
   auto columns() { return std::tie(d_weight_, collected_); }
   auto weights() { return std::tie(d_weight_); }
 
-  HWY_INLINE void on_vertex(const Arrival& at) {
+  HWY_INLINE void on_vertex(const AtVertex& at) {
     for (size_t r = 0; r < asked_.size(); ++r) {
       const auto& [derivative, triangles, reflectance, slot] = asked_[r];
       const Floats slope = reflectance_slope(reflectance, slot, at.position);

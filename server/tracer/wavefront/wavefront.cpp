@@ -131,7 +131,10 @@ class Walk {
       if (wave_.paths.alive[slot] != 0) continue;
       wave_.collected.record(slot, wave_.paths.expected[slot], recorder_.read(slot));
       recorder_.record(slot);
-      if (normals) normals->record(wave_.paths, slot);
+      const Paths& paths = wave_.paths;
+      if (normals && paths.leaked[slot] == 0) {
+        normals->record(paths.pixel[slot], paths.sample[slot], slot, paths.radiance[slot]);
+      }
       if (source_.begin_path(wave_, slot)) continue;
       --wave_.count;
       if (slot != wave_.count) wave_.move(wave_.count, slot);

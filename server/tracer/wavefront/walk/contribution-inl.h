@@ -159,7 +159,8 @@ inline void add_emission(Wavefront& wave, Ints slots, Mask live) {
   }
   add_contribution(wave, at, arriving, hn::Zero(FloatTag()), parts, score_slot);
   if (wave.collected.map_gradient.asked()) {
-    wave.collected.map_gradient.add(paths, direction, live & hn::Eq(distance, set(kInfinity)),
+    wave.collected.map_gradient.add(paths.pixel, paths.sample, direction,
+                                    live & hn::Eq(distance, set(kInfinity)),
                                     at.get(paths.weight) * mis_weight, slots);
   }
 }

@@ -119,14 +119,6 @@ struct ShadowRays {
   size_t count = 0;
 };
 
-// Rays that are sent to the outlines of lights (outline_rays-inl.h).
-struct OutlineRays {
-  Rays rays;
-  UintColumn slot{};               // of the path
-  std::vector<FloatColumn> light;  // as that of ShadowRays, for each of some derivatives
-  size_t count = 0;
-};
-
 // Shadow rays on their way to the boundary (refracted_rays-inl.h).
 struct RefractedRays {
   Rays rays;

@@ -11,12 +11,12 @@
 #include <cstdint>
 #include <numbers>
 
+#include "server/tracer/collected/vertices-inl.h"
 #include "server/tracer/geometry/lines/surface_search-inl.h"
 #include "server/tracer/geometry/surface_normals-inl.h"
 #include "server/tracer/surfaces/reflectance.h"
 #include "server/tracer/wavefront/walk/outline_rays-inl.h"
 #include "server/tracer/wavefront/walk/shadow_rays-inl.h"
-#include "server/tracer/wavefront/walk/vertices-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {

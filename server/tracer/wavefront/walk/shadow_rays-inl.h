@@ -9,11 +9,11 @@
 #include <cstddef>
 #include <numbers>
 
+#include "server/tracer/collected/vertices-inl.h"
 #include "server/tracer/geometry/lines/lines-inl.h"
 #include "server/tracer/lights/lights-inl.h"
 #include "server/tracer/wavefront/walk/contribution-inl.h"
 #include "server/tracer/wavefront/walk/refracted_rays-inl.h"
-#include "server/tracer/wavefront/walk/vertices-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
@@ -227,7 +227,7 @@ inline void add_arriving(Wavefront& wave, Ints numbers, Mask live) {
   const Floats light = arriving(shadow_rays.light);
   add_contribution(wave, at, light, of_object(wave.media, medium, length), parts, score_slot);
   if (wave.collected.map_gradient.asked()) {
-    wave.collected.map_gradient.add(paths, direction(), live,
+    wave.collected.map_gradient.add(paths.pixel, paths.sample, direction(), live,
                                     at.get(paths.weight) * arriving(shadow_rays.per_radiance[0]),
                                     at.slots);
   }

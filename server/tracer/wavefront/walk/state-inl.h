@@ -14,6 +14,7 @@
 
 #include "common/fields.h"
 #include "server/tracer/collected/collected-inl.h"
+#include "server/tracer/collected/media-inl.h"
 #include "server/tracer/film/film_writer.h"
 #include "server/tracer/geometry/lines/lines-inl.h"
 #include "server/tracer/lights/lights-inl.h"
@@ -21,7 +22,6 @@
 #include "server/tracer/random/sampler.h"
 #include "server/tracer/request/request.h"
 #include "server/tracer/scene/compiled_scene.h"
-#include "server/tracer/wavefront/walk/media-inl.h"
 #include "server/tracer/wavefront/walk/paths.h"
 
 HWY_BEFORE_NAMESPACE();

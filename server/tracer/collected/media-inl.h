@@ -1,9 +1,9 @@
 // The media of a scene: the object's, which the request says, and those of the other objects.
-#if defined(ITN_TRACER_WAVEFRONT_WALK_MEDIA_INL_H_) == defined(HWY_TARGET_TOGGLE)
-#ifdef ITN_TRACER_WAVEFRONT_WALK_MEDIA_INL_H_
-#undef ITN_TRACER_WAVEFRONT_WALK_MEDIA_INL_H_
+#if defined(ITN_TRACER_COLLECTED_MEDIA_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_COLLECTED_MEDIA_INL_H_
+#undef ITN_TRACER_COLLECTED_MEDIA_INL_H_
 #else
-#define ITN_TRACER_WAVEFRONT_WALK_MEDIA_INL_H_
+#define ITN_TRACER_COLLECTED_MEDIA_INL_H_
 #endif
 
 #include <cstddef>
