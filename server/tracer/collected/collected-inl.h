@@ -24,6 +24,7 @@
 #include <optional>
 
 #include "server/tracer/collected/albedos-inl.h"
+#include "server/tracer/collected/colours-inl.h"
 #include "server/tracer/collected/light_places-inl.h"
 #include "server/tracer/collected/light_scales-inl.h"
 #include "server/tracer/collected/map_gradient-inl.h"
@@ -35,9 +36,11 @@ HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
 struct Collected {
-  Collected(const Scene::Compiled& scene, const RenderRequest& request, FilmWriter& film)
+  Collected(const Scene::Compiled& scene, const RenderRequest& request, size_t slots,
+            size_t phase_slots, FilmWriter& film)
       : medium(request),
         albedos(request),
+        colours(scene, request, slots, phase_slots),
         reflectances(scene, request),
         light_scales(request),
         light_places(scene, request),
@@ -47,6 +50,7 @@ struct Collected {
 
   MediumDerivatives medium;
   Albedos albedos;
+  Colours colours;
   Reflectances reflectances;
   LightScales light_scales;
   LightPlaces light_places;
@@ -58,6 +62,7 @@ struct Collected {
   static HWY_INLINE void for_each(auto& all, const Visit& visit) {
     visit(all.medium);
     visit(all.albedos);
+    visit(all.colours);
     visit(all.reflectances);
     visit(all.light_scales);
     visit(all.light_places);

@@ -28,7 +28,7 @@
 //               a gradient in normals (collected/normal_gradient.h)
 //   delta bounce  the last vertex draws no shadow ray: light ahead counts whole
 //   colour      one of the media of a request whose images share their paths
-//   likelihood  the density of a path in a colour, over the mean of all of them (flight-inl.h)
+//   likelihood  the density of a path in a colour, over the mean of all of them (colours-inl.h)
 //
 // It is compiled for every instruction set of simd/targets.h, and chosen at run time.
 // Multiplications and additions are fused where the code says so, not where the compiler likes

@@ -102,7 +102,9 @@ class PathSource {
     paths.sample[slot] = sample.sample;
     paths.expected[slot] = sample.expected;
     paths.first_flight[slot] = film_points_[2][next_];
-    if (!request_.colours.empty()) choose_colour(paths, slot);
+    if (wave.collected.colours.asked()) {
+      wave.collected.colours.choose(slot, paths.first_flight[slot]);
+    }
     paths.rays.position.set(slot, ray.origin);
     paths.rays.direction.set(slot, ray.direction);
     paths.rays.interaction[slot] = scene_.camera_inside ? Rays::kInside : 0;
@@ -133,15 +135,6 @@ class PathSource {
                                           pixel / width + double{film_points_[1][i]});
     }
     return count_ > 0;
-  }
-
-  // By which the path flies; the random number is one of its first flight again.
-  void choose_colour(Paths& paths, size_t slot) const {
-    const size_t colours = request_.colours.size();
-    const float place = paths.first_flight[slot] * static_cast<float>(colours);
-    const size_t colour = std::min(static_cast<size_t>(place), colours - 1);
-    paths.flight_sigma_t[0][slot] = static_cast<float>(request_.colours[colour].sigma_t);
-    paths.first_flight[slot] = place - static_cast<float>(colour);
   }
 
   const Scene::Compiled& scene_;

@@ -22,7 +22,7 @@ HWY_NOINLINE inline void find_parts(const Wavefront& wave, Vectors direction, Ui
                                     LightParts& parts) {
   const Lights& lights = wave.scene.lights;
   const std::vector<size_t>& numbers = wave.collected.light_scales.lights();
-  const bool in_colours = !wave.colours.empty();
+  const bool in_colours = wave.collected.colours.asked();
   const Floats zero = hn::Zero(FloatTag());
   for (size_t l = 0; l < wave.part_count; ++l) parts.of[l] = zero;
   const auto add = [&](const Lights::Light& light, Floats radiance) {
@@ -88,35 +88,6 @@ inline void add_to_normals(Wavefront& wave, Ints numbers, Floats light, Ints slo
   }
 }
 
-// The same for the colours: `light(c)` arrives in colour c after this `length` in the medium, by
-// which it is dimmed already.
-template <typename LightIn, typename ScoreSlot>
-HWY_INLINE void add_colours(Wavefront& wave, SlotGather at, Floats length, const LightIn& light,
-                            const ScoreSlot& score_slot) {
-  Paths& paths = wave.paths;
-  const size_t columns = 2 + paths.d_slots.size();
-  Floats luminance = hn::Zero(FloatTag());
-  for (size_t c = 0; c < wave.colours.size(); ++c) {
-    const Floats likely_light = light(c) * at.get(paths.likelihood[c]);
-    const Floats contribution = at.get(paths.colour_weight[c]) * likely_light;
-    at.add(contribution, paths.colours[c]);
-    luminance = mul_add(contribution, set(static_cast<float>(kLuminanceOfColours[c])), luminance);
-    FloatColumn* const derivatives = &paths.d_colours[c * columns];
-    if (wave.medium_derivatives) {
-      const Floats score = at.get(paths.colour_score[c]) - length;
-      at.add(contribution * score, derivatives[0]);
-      at.add(at.get(paths.colour_dweight[c]) * likely_light, derivatives[1]);
-    }
-    for (size_t s = 0; s < paths.d_slots.size(); ++s) {
-      at.add(contribution * score_slot(s), derivatives[2 + s]);
-    }
-    if (paths.colour_edge.empty()) continue;
-    at.add(at.get(paths.colour_edge[c]) * likely_light,
-           derivatives[2 + paths.control_phase.size() + *wave.index_slot]);
-  }
-  at.add(luminance, paths.radiance);
-}
-
 // Light that the walks of paths in such slots meet by themselves, at lamps or after leaving the
 // scene.
 inline void add_emission(Wavefront& wave, Ints slots, Mask live) {
@@ -151,10 +122,11 @@ inline void add_emission(Wavefront& wave, Ints slots, Mask live) {
     find_parts(wave, direction, lamp_seen(wave.scene.lights, from, direction), parts);
   }
   const auto score_slot = [&](size_t s) { return at.get(paths.score_slots[s]); };
-  if (!wave.colours.empty()) {
-    add_colours(
-        wave, at, hn::Zero(FloatTag()), [&](size_t c) { return arriving * parts.of[c]; },
-        score_slot);
+  if (wave.collected.colours.asked()) {
+    at.add(
+        wave.collected.colours.add(
+            at, hn::Zero(FloatTag()), [&](size_t c) { return arriving * parts.of[c]; }, score_slot),
+        wave.paths.radiance);
     return;
   }
   add_contribution(wave, at, arriving, hn::Zero(FloatTag()), parts, score_slot);

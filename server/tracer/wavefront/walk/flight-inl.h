@@ -33,8 +33,9 @@ inline void sample_flights(Wavefront& wave) {
     const Floats u0 =
         hn::IfThenElse(equals(vertex, first), load(paths.first_flight, i), uniform(words.w[0]));
     const Floats depth = zero - log(1 - u0);
-    store(wave.colours.empty() ? depth * free_path_of(wave.media, wave.medium(i))
-                               : depth / load(paths.flight_sigma_t[0], i),
+    const Colours& colours = wave.collected.colours;
+    store(colours.asked() ? depth / colours.flight_sigma_t(i)
+                          : depth * free_path_of(wave.media, wave.medium(i)),
           paths.rays.max_medium_length, i);
     store(uniform(words.w[1]), paths.u1, i);
     store(uniform(words.w[2]), paths.u2, i);
@@ -50,43 +51,11 @@ inline void sample_flights(Wavefront& wave) {
   follow_lines(wave.scene.obstacles, paths.rays, wave.count, Report::kEnds, wave.at_boundary());
 }
 
-// What flights add to the likelihoods of colours, and to their scores.
-//
-// The density of a path is, in each colour, a product of the same factors, but for its flights:
-// with n scatterings and the length L in the medium, sigma_t^n exp(-sigma_t L). Of all paths, a
-// third flies by each. By the balance heuristic, light that arrives along a path counts as if it
-// had been drawn with the mean of the three densities, whichever it flew by: W times the density in
-// the colour over that mean, the likelihood, which is 3 at most.
-//
-// Wilkie, Nawaz, Droske, Weidlich, Hanika, "Hero wavelength spectral sampling", EGSR 2014.
-HWY_INLINE void update_likelihoods(Wavefront& wave, size_t i, Mask scattered) {
-  Paths& paths = wave.paths;
-  const Floats length = load(paths.rays.medium_length, i);
-  Floats sum = hn::Zero(FloatTag());
-  for (size_t c = 0; c < wave.colours.size(); ++c) {
-    // Over what it is at the least sigma_t, which is the material's: exp does not overflow.
-    const float sigma_t = wave.colours[c].sigma_t;
-    const Floats flown = exp(length * (wave.sigma_t - sigma_t));
-    const Floats ended = hn::IfThenElse(scattered, set(sigma_t / wave.sigma_t), set(1.0F));
-    const Floats likelihood = load(paths.likelihood[c], i) * (flown * ended);
-    store(likelihood, paths.likelihood[c], i);
-    sum += likelihood;
-    if (!wave.medium_derivatives) continue;
-    const Floats score = hn::IfThenElseZero(scattered, set(1 / sigma_t)) - length;
-    store(load(paths.colour_score[c], i) + score, paths.colour_score[c], i);
-  }
-  const Floats by = static_cast<float>(wave.colours.size()) / sum;
-  for (FloatColumn& likelihood : paths.likelihood) {
-    store(load(likelihood, i) * by, likelihood, i);
-  }
-}
-
 // What flights add to scores and counts.
 HWY_INLINE void update_scores(Wavefront& wave, size_t i, Mask scattered) {
   Paths& paths = wave.paths;
   wave.collected.on_flight({i, scattered, load(paths.rays.medium_length, i), wave.media,
                             wave.medium(i), load(paths.weight, i)});
-  if (!wave.colours.empty()) update_likelihoods(wave, i, scattered);
   const Uints entered =
       hn::ShiftRight<Rays::kEnteredBit>(load(paths.rays.outcome, i)) & set(uint32_t{1});
   store(load(paths.steps, i) + entered, paths.steps, i);

@@ -6,10 +6,7 @@ namespace itn::tracer {
 
 PathRecorder::PathRecorder(const RenderRequest& request, const Paths& paths, FilmWriter& film)
     : paths_(paths), film_(film) {
-  if (!request.colours.empty()) {
-    add_colours(request);
-    return;
-  }
+  if (!request.colours.empty()) return;
   for (size_t d = 0; d < request.derivatives.size(); ++d) {
     const Parameter& parameter = request.derivatives[d];
     switch (parameter.kind) {
@@ -32,24 +29,6 @@ PathRecorder::PathRecorder(const RenderRequest& request, const Paths& paths, Fil
   }
 }
 
-void PathRecorder::add_colours(const RenderRequest& request) {
-  const size_t columns = paths_.d_colours.size() / request.colours.size();
-  for (const Parameter& parameter : request.derivatives) {
-    size_t column = 0;  // among those of a colour
-    switch (parameter.kind) {
-      case Parameter::kAlbedo: column = 1; break;
-      case Parameter::kPhase: column = 2 + slots_of<PhaseFunction>()[parameter.slot].number; break;
-      case Parameter::kBoundary:
-        column = 2 + paths_.control_phase.size() + slots_of<Boundary>()[parameter.slot].number;
-        break;
-      default: break;
-    }
-    for (size_t c = 0; c < request.colours.size(); ++c) {
-      derivatives_.push_back({derivatives_.size(), &paths_.d_colours[c * columns + column]});
-    }
-  }
-}
-
 PathEstimate& PathRecorder::read(size_t slot) {
   estimate_.hit = paths_.hit[slot] != 0;
   estimate_.leaked = paths_.leaked[slot] != 0;
@@ -60,9 +39,6 @@ PathEstimate& PathRecorder::read(size_t slot) {
     estimate_.derivatives[number] = control_variate != nullptr
                                         ? (*collected)[slot] - expected * (*control_variate)[slot]
                                         : (*collected)[slot];
-  }
-  for (size_t c = 0; c < paths_.colours.size(); ++c) {
-    estimate_.other_media[c] = paths_.colours[c][slot];
   }
   return estimate_;
 }

@@ -48,28 +48,14 @@ struct PathState {
   // followed, which make W 0 (BoundaryEdge).
   FloatStates<> edge_weight{};
 
-  // For RenderRequest::colours, of each (flight-inl.h): W, d W / d albedo, and what `edge_weight`
-  // is to W; how likely the path is in this colour; the score in sigma_t; radiance, and its
-  // derivatives in sigma_t, albedo and the slots, those of a colour one after the other. And the
-  // sigma_t by which the path flies.
-  FloatStates<1> colour_weight{};
-  FloatStates<> colour_dweight{}, colour_edge{};
-  FloatStates<1> likelihood{};
-  FloatStates<> colour_score{}, colours{}, d_colours{};
-  FloatStates<> flight_sigma_t{};
-
   // The list of all columns: what moves a path, and begins one, goes through it.
   auto columns() {
     return std::tie(pixel, sample, expected, first_flight, vertex, alive, hit, leaked, steps,
                     delta_bounce, crossings, pdf, medium, scattered_at, scattered_pdf, odds, weight,
-                    radiance, score_slots, d_slots, control_phase, edge_weight, colour_weight,
-                    colour_dweight, colour_edge, likelihood, colour_score, colours, d_colours,
-                    flight_sigma_t);
+                    radiance, score_slots, d_slots, control_phase, edge_weight);
   }
   // Columns that a factor of the path's weight multiplies.
-  auto weights() {
-    return std::tie(weight, edge_weight, colour_weight, colour_dweight, colour_edge);
-  }
+  auto weights() { return std::tie(weight, edge_weight); }
 };
 
 // The list is complete: its columns fill the structure.
@@ -175,8 +161,6 @@ class PathRecorder {
     const FloatColumn* collected;
     const FloatColumn* control_variate = nullptr;
   };
-
-  void add_colours(const RenderRequest& request);
 
   const Paths& paths_;
   FilmWriter& film_;

@@ -94,9 +94,10 @@ HWY_INLINE void apply_crossing(Wavefront& wave, size_t i) {
   Paths& paths = wave.paths;
   const Floats weight = load(paths.weight, i);
   Floats colour_weights[kColours.size()];
-  for (size_t c = 0; c < paths.colour_edge.size(); ++c) {
-    colour_weights[c] = load(paths.colour_weight[c], i);
-  }
+  Colours& colours = wave.collected.colours;
+  colours.for_each_edge([&](size_t c, const FloatColumn& of_colour, const FloatColumn& /*edge*/) {
+    colour_weights[c] = load(of_colour, i);
+  });
   multiply_weights(wave, i, load(paths.crossing_weight, i));
   if (paths.edge_weight.empty()) return;
   const Floats by = load(paths.crossing_edge_weight[0], i);
@@ -104,9 +105,9 @@ HWY_INLINE void apply_crossing(Wavefront& wave, size_t i) {
     store(mul_add(before, by, load(edge, i)), edge, i);
   };
   add_to(paths.edge_weight[0], weight);
-  for (size_t c = 0; c < paths.colour_edge.size(); ++c) {
-    add_to(paths.colour_edge[c], colour_weights[c]);
-  }
+  colours.for_each_edge([&](size_t c, const FloatColumn& /*weight*/, FloatColumn& edge) {
+    add_to(edge, colour_weights[c]);
+  });
 }
 
 // Russian roulette: a path that is worth little ends, or goes on for those that ended.

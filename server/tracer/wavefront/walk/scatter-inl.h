@@ -77,32 +77,6 @@ HWY_INLINE Vertices vertices_of(const Wavefront& wave, size_t i, Mask in_medium,
   return vertices;
 }
 
-// In each colour, W takes the albedo or the reflectance that is of this colour.
-HWY_INLINE void multiply_by_colours(Wavefront& wave, size_t i, const Vertices& vertices) {
-  Paths& paths = wave.paths;
-  for (size_t c = 0; c < wave.colours.size(); ++c) {
-    Floats factor =
-        hn::IfThenElse(vertices.in_medium, set(wave.colours[c].albedo), vertices.factor);
-    for (const Surfaces::Pattern& pattern : wave.scene.obstacles.surfaces.patterned) {
-      factor = hn::IfThenElse(among(pattern.triangles, vertices.triangles),
-                              reflectance_at(wave.scene.colour_reflectances[c][pattern.surface],
-                                             load(paths.rays.position, i)),
-                              factor);
-    }
-    FloatColumn& column = paths.colour_weight[c];
-    const Floats weight = load(column, i);
-    store(weight * factor, column, i);
-    if (wave.medium_derivatives) {
-      FloatColumn& derivative = paths.colour_dweight[c];
-      store(mul_add(load(derivative, i), factor, hn::IfThenElseZero(vertices.in_medium, weight)),
-            derivative, i);
-    }
-    if (paths.colour_edge.empty()) continue;
-    FloatColumn& edge = paths.colour_edge[c];
-    store(load(edge, i) * factor, edge, i);
-  }
-}
-
 // W takes the factor.
 HWY_INLINE void multiply_by_factor(Wavefront& wave, size_t i, const Vertices& vertices) {
   Paths& paths = wave.paths;
@@ -265,7 +239,6 @@ inline void scatter(Wavefront& wave, size_t i, Mask in_medium, Mask on_surface, 
   }
   const Vertices vertices = vertices_of(wave, i, in_medium, on_surface, at_boundary);
   multiply_by_factor(wave, i, vertices);
-  multiply_by_colours(wave, i, vertices);
   if (wave.switches.techniques != Switches::Techniques::kPhaseOnly) {
     send_shadow_rays(wave, i, vertices);
   }

@@ -213,15 +213,16 @@ inline void add_arriving(Wavefront& wave, Ints numbers, Mask live) {
   LightParts parts;
   if (wave.part_count > 0) find_parts(wave, direction(), ray.get(shadow_rays.source), parts);
   const auto score_slot = [&](size_t s) { return ray.get(shadow_rays.score_slots[s]); };
-  if (!wave.colours.empty()) {
+  if (wave.collected.colours.asked()) {
     const Floats undimmed = ray.get(shadow_rays.light) / survival;
-    add_colours(
-        wave, at, length,
-        [&](size_t c) {
-          const Floats in_colour = exp(length * (-wave.colours[c].sigma_t));
-          return hn::IfThenElseZero(live, undimmed * parts.of[c] * in_colour);
-        },
-        score_slot);
+    at.add(wave.collected.colours.add(
+               at, length,
+               [&](size_t c) {
+                 const Floats in_colour = exp(length * (-wave.collected.colours.sigma_t(c)));
+                 return hn::IfThenElseZero(live, undimmed * parts.of[c] * in_colour);
+               },
+               score_slot),
+           wave.paths.radiance);
     return;
   }
   const Floats light = arriving(shadow_rays.light);

@@ -56,26 +56,13 @@ struct Wavefront {
     if (asked.gradient_light) {
       shadow_rays.per_radiance.resize(1);
     }
-    const size_t phase_slots = medium_derivatives ? slot_count(media.object().phase) : 0;
-    const size_t slots =
-        phase_slots + (asks_for_boundary(asked) ? slot_count(compiled.boundary) : 0);
     paths.control_phase.resize(phase_slots);
     paths.score_slots.resize(slots);
     paths.d_slots.resize(slots);
     shadow_rays.score_slots.resize(slots);
-    for (const Material& colour : asked.colours) {
-      colours.push_back({static_cast<float>(colour.sigma_t), static_cast<float>(colour.albedo)});
-    }
-    for (auto* columns : {&paths.colour_weight, &paths.likelihood}) columns->resize(colours.size());
-    for (auto* columns : {&paths.colour_dweight, &paths.colour_score, &paths.colours}) {
-      columns->resize(colours.size());
-    }
-    paths.d_colours.resize(colours.size() * (2 + slots));
-    paths.flight_sigma_t.resize(colours.empty() ? 0 : 1);
-    part_count = std::max(colours.size(), collected.light_scales.lights().size());
+    part_count = std::max(collected.colours.size(), collected.light_scales.lights().size());
     paths.medium.resize(media.several ? 1 : 0);
     paths.edge_weight.resize(boundary_derivatives.any() ? 1 : 0);
-    paths.colour_edge.resize(index_slot ? colours.size() : 0);
     paths.crossing_edge_weight.resize(paths.edge_weight.size());
     paths.rays.bounded = compiled.lights.has_lamps();
     shadow_rays.rays.bounded = compiled.lights.has_near();
@@ -94,9 +81,9 @@ struct Wavefront {
   HWY_INLINE Uints medium(size_t i) const {
     return media.several ? load(paths.medium[0], i) : hn::Zero(UintTag());
   }
-  HWY_INLINE Uints medium_in(Ints slots) const {
+  HWY_INLINE Uints medium_in(Ints of_paths) const {
     if (!media.several) return hn::Zero(UintTag());
-    return gather(paths.medium[0], slots);
+    return gather(paths.medium[0], of_paths);
   }
 
   // All but the ray and the sample of a path.
@@ -128,15 +115,12 @@ struct Wavefront {
   const float sigma_t;  // of the object
   const bool medium_derivatives;
   const float shadow_ray_threshold;  // of their roulette, as a radiance; 0: all are traced
-  // The medium of one of RenderRequest::colours.
-  struct Colour {
-    float sigma_t, albedo;
-  };
-  std::vector<Colour> colours;
-  size_t part_count = 0;  // of light: see LightParts
+  size_t part_count = 0;             // of light: see LightParts
 
   Paths paths;
-  Collected collected{scene, request, film};
+  const size_t phase_slots = medium_derivatives ? slot_count(media.object().phase) : 0;
+  const size_t slots = phase_slots + (asks_for_boundary(request) ? slot_count(scene.boundary) : 0);
+  Collected collected{scene, request, slots, phase_slots, film};
   size_t count = 0;  // of paths under way, in slots 0 .. count - 1
   ShadowRays shadow_rays;
   // Whether lines stop at the boundary, and then where those that were followed last did.
@@ -256,20 +240,15 @@ HWY_INLINE void multiply_weights(Wavefront& wave, size_t i, Floats factor) {
 }
 
 // What light at the end of a path counts; of colours the mean.
-HWY_INLINE Floats mean_weight(const Paths& paths, size_t i) {
-  const size_t colours = paths.colour_weight.size();
-  if (colours == 0) return load(paths.weight, i);
-  Floats sum = hn::Zero(FloatTag());
-  for (size_t c = 0; c < colours; ++c) {
-    sum = mul_add(load(paths.colour_weight[c], i), load(paths.likelihood[c], i), sum);
-  }
-  return sum * (1 / static_cast<float>(colours));
+HWY_INLINE Floats mean_weight(const Wavefront& wave, size_t i) {
+  const Colours& colours = wave.collected.colours;
+  return colours.asked() ? colours.mean_weight(i) : load(wave.paths.weight, i);
 }
 
 // The importance of a path, for roulette.
 HWY_INLINE Floats path_importance(const Wavefront& wave, size_t i) {
   const Paths& paths = wave.paths;
-  Floats importance = mean_weight(paths, i);
+  Floats importance = mean_weight(wave, i);
   importance = wave.collected.importance(importance, i);
   for (const FloatColumn& edge : paths.edge_weight) importance = hn::Max(importance, load(edge, i));
   return importance;
