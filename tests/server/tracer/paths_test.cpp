@@ -18,14 +18,10 @@ std::unique_ptr<Paths> some_paths() {
   paths->score_slots.resize(1);
   paths->d_slots.resize(1);
   paths->control_phase.resize(1);
-  paths->weight_at_albedos.resize(2);
-  paths->radiance_at_albedos.resize(2);
-  paths->dweight_dreflectance.resize(1);
-  paths->d_reflectance.resize(1);
-  paths->d_light.resize(3);
+  paths->edge_weight.resize(2);
   return paths;
 }
-constexpr int kColumns = 19 + 12;
+constexpr int kColumns = 14 + 5;
 
 // Another number in every column of a slot.
 void fill(Paths& paths, size_t slot) {
@@ -73,10 +69,9 @@ TEST(PathsTest, APathBeginsWithNothingOfTheLast) {
   paths->begin(3);
   double sum = 0;
   for_each_column(paths->columns(), [&](auto& column) { sum += static_cast<double>(column[3]); });
-  // What is not 0: the weight, also at both albedos; vertex 1, alive and alone.
-  EXPECT_EQ(sum, 6);
+  // What is not 0: the weight; vertex 1, alive and alone.
+  EXPECT_EQ(sum, 4);
   EXPECT_EQ(paths->weight[3], 1);
-  EXPECT_EQ(paths->weight_at_albedos[1][3], 1);
   EXPECT_EQ(paths->vertex[3], 1U);
   EXPECT_EQ(paths->alive[3], 1U);
   EXPECT_EQ(paths->delta_bounce[3], 1U);
@@ -86,7 +81,7 @@ TEST(PathsTest, AFactorMultipliesAllWeights) {
   const auto paths = some_paths();
   int weights = 0;
   for_each_column(paths->weights(), [&](FloatColumn& /*weight*/) { ++weights; });
-  EXPECT_EQ(weights, 1 + 1 + 2 + 1);
+  EXPECT_EQ(weights, 1 + 2);
 }
 
 }  // namespace
