@@ -173,9 +173,17 @@ void warn_if_near(const v1::FitPose& pose, double size) {
 // Files in a folder: the options of its fit, and its poses, a FitResult without results.
 constexpr const char *kOptionsFile = "options.txt", *kPosesFile = "poses.textproto";
 
+// What a fit of several photographs has of each.
+fs::path file_of(const fs::path& folder, const std::string& stem, const std::string& extension,
+                 const FitOptions& options, size_t i) {
+  return folder / (options.images.size() == 1 ? stem + extension
+                                              : fmt::format("{}_{}{}", stem, i, extension));
+}
 fs::path photograph_file(const fs::path& folder, const FitOptions& options, size_t i) {
-  return folder /
-         (options.images.size() == 1 ? "photograph.exr" : fmt::format("photograph_{}.exr", i));
+  return file_of(folder, "photograph", ".exr", options, i);
+}
+fs::path scene_file(const fs::path& folder, const FitOptions& options, size_t i) {
+  return file_of(folder, "scene", ".textproto", options, i);
 }
 
 // What the refinement takes from an image of an object that is posed.
@@ -206,8 +214,6 @@ void write_posed_scenes(FitOptions options, const fs::path& folder, RefineOption
     FitPhotograph& photograph = photographs[i];
     photograph.panorama_turn = of_photograph(options.panorama_turn, i);
     photograph.camera_down = of_photograph(options.camera_down, i).value();
-    const std::string stem = options.images.size() == 1 ? "" : fmt::format("_{}", i);
-    const fs::path scene_file = folder / fmt::format("scene{}.textproto", stem);
     v1::Scene scene = scene_of(photograph, options);
     const v1::Scene loaded = for_search(scene);
     const Mesh mesh = MeshBuilder(UINT64_MAX).build("object.mesh", loaded.object().mesh());
@@ -216,7 +222,7 @@ void write_posed_scenes(FitOptions options, const fs::path& folder, RefineOption
     const FoundPose& found = stand.pose;
     v1::FitPose& pose = *result.add_poses();
     pose.set_image(photograph.name);
-    pose.set_scene(scene_file.string());
+    pose.set_scene(scene_file(folder, options, i).string());
     pose.set_overlap(found.overlap);
     pose.set_contour_distance(found.distance);
     pose.set_contour_side(static_cast<uint32_t>(photograph.pose_side));
@@ -235,15 +241,15 @@ void write_posed_scenes(FitOptions options, const fs::path& folder, RefineOption
     // The flash is that of the first photograph.
     if (!options.card_distance) options.card_distance = flash_range(stand.stand, mesh, options);
     place(stand.stand, mesh, options, scene);
-    write_overlay(folder / fmt::format("pose{}.png", stem), photograph, mesh, found.pose);
+    write_overlay(file_of(folder, "pose", ".png", options, i), photograph, mesh, found.pose);
     photograph.image.channels["mask.Y"] = pixels_of_object(photograph, mesh, found.pose);
     set_seen(options, photograph.image, pose, refine);
     add_disturbances(disturbances_of(photograph, mesh, stand, loaded, options, pool),
                      photograph.image);
     write_exr(photograph_file(folder, options, i), photograph.image);
-    write_file_atomically(scene_file, to_text_proto(scene));
+    write_file_atomically(scene_file(folder, options, i), to_text_proto(scene));
     refine.images.push_back(photograph_file(folder, options, i).string());
-    refine.scenes.push_back(scene_file.string());
+    refine.scenes.push_back(scene_file(folder, options, i).string());
   }
 }
 
@@ -253,8 +259,15 @@ bool read_posed_scenes(const FitOptions& options, const fs::path& folder, Refine
   const fs::path file = folder / kPosesFile;
   if (!fs::exists(file) || !fs::exists(folder / kOptionsFile)) return false;
   parse_text_proto(read_file(file, "poses"), file.string(), result);
+  if (result.poses_size() != static_cast<int>(options.images.size())) {
+    throw invalid_input(
+        fmt::format("{} has {} poses, for {} photographs: delete it, and they are "
+                    "searched again",
+                    file.string(), result.poses_size(), options.images.size()));
+  }
   for (size_t i = 0; i < options.images.size(); ++i) {
-    const v1::FitPose& pose = result.poses(static_cast<int>(i));
+    v1::FitPose& pose = *result.mutable_poses(static_cast<int>(i));
+    pose.set_scene(scene_file(folder, options, i).string());
     const fs::path image_file = photograph_file(folder, options, i);
     set_seen(options, read_exr(image_file), pose, refine);
     refine.images.push_back(image_file.string());
