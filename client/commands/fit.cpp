@@ -34,6 +34,7 @@
 #include "common/image/photograph.h"
 #include "common/image/preview.h"
 #include "common/scene/material_proto.h"
+#include "common/scene/scene_bytes.h"
 #include "common/scene/scene_file.h"
 #include "common/scene/text_proto.h"
 #include "server/scene_compiler/mesh_builder.h"
@@ -265,6 +266,7 @@ bool read_posed_scenes(const FitOptions& options, const fs::path& folder, Refine
                     "searched again",
                     file.string(), result.poses_size(), options.images.size()));
   }
+  result.clear_results();
   for (size_t i = 0; i < options.images.size(); ++i) {
     v1::FitPose& pose = *result.mutable_poses(static_cast<int>(i));
     pose.set_scene(scene_file(folder, options, i).string());
@@ -293,6 +295,9 @@ void set_unknowns(const FitOptions& options, RefineOptions& refine) {
   }
   refine.unknown_exposure = !options.photograph.gray_card || card_error_of(options) > 0;
   if (card_error_of(options) > 0) refine.known_within[kExposure] = card_error_of(options);
+  if (!refine.unknown_exposure && options.shape_error > 0) {
+    spdlog::warn("intervals know nothing of --shape-error where --card-error is 0");
+  }
 }
 
 std::string to_text(const v1::FitResult& result, const fs::path& folder) {
@@ -333,36 +338,55 @@ std::string to_text(const v1::FitResult& result, const fs::path& folder) {
                             folder.string());
 }
 
+// Which files a fit is of: others of the same names are not taken for them.
+std::string digests_of(const FitOptions& options) {
+  std::string text = "SHA-256 of files:\n";
+  std::vector<std::string> files = options.images;
+  files.insert(files.end(), {options.photograph.mask, options.shape, options.light});
+  for (const std::string& file : files) {
+    if (!fs::is_regular_file(file)) continue;
+    text += fmt::format("{} {}\n", to_hex(sha256(read_file(file, "file"))), file);
+  }
+  return text;
+}
+
 // What a fit is of, in words.
 std::string in_words(const FitOptions& options) {
   const PhotographOptions& photograph = options.photograph;
   return fmt::format(
-      "photographs: {}\nscenes: {}\nshape: {}, size {}, mesh unit {}, repair {}\nlight: {}, flash "
-      "{} within "
-      "{}, panorama {}, sun {}, camera {} within {}\nshape within {}\ncard: {} of {} at {} within "
-      "{}\nfocal length: "
-      "{}\nindex: {} "
-      "within {}\ng: {} within {}, of each colour {}\nresolution: {}, luminance {}\nmask: "
-      "{}\nstart: {}, {} starts, "
-      "seed {}, spp {}\n",
-      fmt::join(options.images, " "), fmt::join(options.scenes, " "), options.shape,
-      options.object_size.empty() ? "of its file"
-                                  : fmt::format("{}", fmt::join(options.object_size, ",")),
-      static_cast<int>(options.refine.mesh_unit.value_or(v1::MM)), options.repair, options.light,
-      fmt::join(options.flash_offset, ","), options.flash_error,
-      options.panorama_turn.empty() ? "found"
-                                    : fmt::format("{}", fmt::join(options.panorama_turn, ",")),
-      options.sun_elevation.value_or(0), fmt::join(options.camera_down, ","), options.turn_error,
-      options.shape_error,
-      photograph.gray_card
-          ? fmt::format("{},{},{},{}", photograph.gray_card->x, photograph.gray_card->y,
-                        photograph.gray_card->width, photograph.gray_card->height)
-          : "none",
-      photograph.gray, options.card_distance.value_or(0), card_error_of(options),
-      options.focal_length_35mm.value_or(0), options.index, options.index_error, options.g,
-      options.g_error, options.refine.g_of_each_colour, options.resolution, options.luminance,
-      photograph.mask, options.refine.init, options.refine.starts, options.refine.seed,
-      options.refine.max_spp);
+             "photographs: {}\nscenes: {}\nshape: {}, size {}, mesh unit {}, repair {}\nlight: {}, "
+             "flash "
+             "{} within "
+             "{}, panorama {}, sun {}, camera {} within {}\nshape within {}\ncard: {} of {} at {} "
+             "within "
+             "{}\nfocal length: "
+             "{}\nindex: {} "
+             "within {}\ng: {} within {}, of each colour {}\nresolution: {}, luminance {}\nmask: "
+             "{}, linear {}, layer {}\nstart: {}, {} starts, "
+             "seed {}, spp {}\n",
+             fmt::join(options.images, " "), fmt::join(options.scenes, " "), options.shape,
+             options.object_size.empty() ? "of its file"
+                                         : fmt::format("{}", fmt::join(options.object_size, ",")),
+             static_cast<int>(options.refine.mesh_unit.value_or(v1::MM)), options.repair,
+             options.light, fmt::join(options.flash_offset, ","), options.flash_error,
+             options.panorama_turn.empty()
+                 ? "found"
+                 : fmt::format("{}", fmt::join(options.panorama_turn, ",")),
+             options.sun_elevation.value_or(0), fmt::join(options.camera_down, ","),
+             options.turn_error, options.shape_error,
+             photograph.gray_card
+                 ? fmt::format("{},{},{},{}", photograph.gray_card->x, photograph.gray_card->y,
+                               photograph.gray_card->width, photograph.gray_card->height)
+                 : "none",
+             photograph.gray, options.card_distance.value_or(0), card_error_of(options),
+             options.focal_length_35mm.value_or(0), options.index, options.index_error, options.g,
+             options.g_error, options.refine.g_of_each_colour, options.resolution,
+             options.luminance, photograph.mask,
+             photograph.reading.is_linear ? *photograph.reading.is_linear ? "yes" : "no"
+                                          : "by itself",
+             photograph.reading.layer, options.refine.init, options.refine.starts,
+             options.refine.seed, options.refine.max_spp) +
+         digests_of(options);
 }
 
 // None goes on in the folder of another one.
@@ -419,6 +443,7 @@ void run_fit(const FitOptions& options) {
     prepare_given_scenes(options, folder, refine);
     write_file_atomically(folder / kOptionsFile, in_words(options));
   } else if (!read_posed_scenes(options, folder, refine, result)) {
+    fs::remove(folder / kPosesFile);
     write_posed_scenes(options, folder, refine, result);
     write_file_atomically(folder / kOptionsFile, in_words(options));
     write_file_atomically(folder / kPosesFile, to_text_proto(result));

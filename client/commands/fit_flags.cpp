@@ -149,7 +149,7 @@ void add_flags(CLI::App& command, FitOptions& options) {
   command
       .add_option("--shape-error", options.shape_error,
                   "How far the object may be from its shape, root mean square, as a part of its "
-                  "size or in percent: intervals are as much wider")
+                  "size or in percent: intervals allow for what that changes in the image")
       ->transform(kPercentToPart)
       ->check(number_in(0.0, 0.05))
       ->capture_default_str();

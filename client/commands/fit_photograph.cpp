@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <limits>
 #include <numbers>
 #include <optional>
 #include <span>
@@ -225,10 +226,11 @@ uint32_t block_of(const std::vector<float>& mask, int width, const std::string& 
 
 void set_model_error(double shape_error, const std::vector<float>& mask, int width,
                      RefineOptions& refine) {
-  // By renders of three objects moved by 0.2 % of their size (RMS) in waves of a quarter of that to
-  // all of it: the radiance changes by 0.8 to 1.5 %, alike over about a fifteenth.
+  // By renders of three objects moved by 0.2 % of their size (RMS) in waves of a quarter of the
+  // size to all of it: the radiance changes by 0.8 to 1.5 %, alike over about a fifteenth.
   constexpr double kByShape = 6, kLength = 1.0 / 15;
-  int left = width, right = 0, top = width, bottom = 0;
+  constexpr int kNone = std::numeric_limits<int>::max();
+  int left = kNone, right = 0, top = kNone, bottom = 0;
   for (int p = 0; p < static_cast<int>(mask.size()); ++p) {
     if (!is_on_object(mask[static_cast<size_t>(p)])) continue;
     left = std::min(left, p % width);
@@ -236,7 +238,7 @@ void set_model_error(double shape_error, const std::vector<float>& mask, int wid
     top = std::min(top, p / width);
     bottom = std::max(bottom, p / width);
   }
-  refine.model_error = std::min(0.5, kByShape * shape_error);
+  refine.model_error = kByShape * shape_error;
   refine.model_error_length = kLength * std::max({right - left, bottom - top, 15});
 }
 

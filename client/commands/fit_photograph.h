@@ -60,7 +60,8 @@ PinholeView view_of(const FitPhotograph& photograph, int side);
 // pixels.
 uint32_t block_of(const std::vector<float>& mask, int width, const std::string& name);
 
-// What a shape that is as much off as it may be makes of an image whose object has this mask.
+// Sets model_error and its length to what a shape that is as much off as it may be makes of an
+// image whose object has this mask.
 void set_model_error(double shape_error, const std::vector<float>& mask, int width,
                      RefineOptions& refine);
 

@@ -223,8 +223,8 @@ struct ContourFit {
   // A place on the mesh whose image is on the contour, and what its distance changes by.
   struct Row {
     Vec3d place;
-    double normal_x, normal_y;
-    Vector7 weighted;
+    double normal_x, normal_y, weight;
+    Vector7 weighted;  // the derivative of the distance, times the weight
   };
   Matrix7 normal = Matrix7::Zero();
   Vector7 gradient = Vector7::Zero();
@@ -264,7 +264,9 @@ Matrix7 ContourFit::covariance(double size, double range) const {
     sum += a.weighted * with.transpose();
   }
   // Targets stand for the points of both contours.
-  const double part = weights / std::max(1.0, static_cast<double>(rows.size()));
+  double of_rows = 0;
+  for (const Row& row : rows) of_rows += row.weight;
+  const double part = weights / std::max(of_rows, 1e-300);
   sum = scale.asDiagonal() * sum * scale.asDiagonal();
   sum *= part * part;
   const double left = weights - (inverse * sum).trace();
@@ -300,7 +302,7 @@ ContourFit fit_contour(const Pose& pose, double margin, double margin_error, Vec
     fit.squares += weight * off * off;
     fit.weights += weight;
     if (is_of_target)
-      fit.rows.push_back({point->place, target->normal_x, target->normal_y, weight * row});
+      fit.rows.push_back({point->place, target->normal_x, target->normal_y, weight, weight * row});
   }
   const double known = fit.variance() / (margin_error * margin_error);
   fit.normal(6, 6) += known;

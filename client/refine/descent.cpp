@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <string>
 #include <utility>
 
 #include "client/refine/refine_result.h"
@@ -186,15 +188,7 @@ void Descent::collect_sums() {
         image_equations_[i].dependence() * image_equations_[i].moments();
     squares[observations_[i].colour] += image_equations_[i].squares();
   }
-  model_error_ = {};
-  if (settings_.model_error() > 0 && layout_.has_exposure) {
-    model_error_ = Matrix::Zero(layout_.size(), layout_.size());
-    for (size_t i = 0; i < image_equations_.size(); ++i) {
-      const std::vector<Eigen::Index> own = layout_.of_colour(observations_[i].colour);
-      model_error_(own, own) += image_equations_[i].model_error(
-          settings_.model_error(), settings_.model_error_length(), seen_.exposure());
-    }
-  }
+  collect_model_error();
   // Scores at the answer scatter less than at the truth, by as many squares as there are numbers
   // (MacKinnon and White, "Some heteroskedasticity-consistent covariance matrix estimators with
   // improved finite sample properties", Journal of Econometrics 1985, HC1).
@@ -202,6 +196,30 @@ void Descent::collect_sums() {
     const double numbers = static_cast<double>(moments_[colour].coordinates.size());
     const double left = std::max(squares[colour] - numbers, 1.0);
     moments_[colour].sums *= std::max(squares[colour] / left, 1.0);
+  }
+}
+
+// A photograph differs alike in its colours, which are observations of the same name.
+void Descent::collect_model_error() {
+  model_error_ = {};
+  if (settings_.model_error() == 0 || !layout_.has_exposure) return;
+  const auto side = std::max(1U, static_cast<uint32_t>(settings_.model_error_length() / 2));
+  std::map<std::string, GrowthBySquare> photographs;
+  for (size_t i = 0; i < image_equations_.size(); ++i) {
+    const std::vector<Eigen::Index> own = layout_.of_colour(observations_[i].colour);
+    GrowthBySquare& squares = photographs[observations_[i].name];
+    for (const auto& [place, growth] : image_equations_[i].growth(side, seen_.exposure())) {
+      SquareGrowth& square = squares[place];
+      if (square.pixels == 0) square.scores = Vector::Zero(layout_.size());
+      square.scores(own) += growth.scores;
+      square.x += growth.x;
+      square.y += growth.y;
+      square.pixels += growth.pixels;
+    }
+  }
+  model_error_ = Matrix::Zero(layout_.size(), layout_.size());
+  for (const auto& [name, squares] : photographs) {
+    model_error_ += model_error(squares, settings_.model_error(), settings_.model_error_length());
   }
 }
 
@@ -275,11 +293,12 @@ Region Descent::region(size_t colour) const {
 }
 
 bool Descent::is_under_way() const {
-  // The equations are linear: from farther away they lead about there. What is uncertain by more
-  // than that moves as far by noise of the renders, and its interval is as wide.
+  // The equations are linear: from farther away than kNear they lead about there. What is uncertain
+  // by more than that moves as far by noise of the renders, and its interval is as wide; beyond
+  // kFar nothing is believed, nor where a deviation is no number.
   constexpr double kNear = 0.2, kFar = 1;
   const ScoreTest all = test(0);
-  const Vector deviations = all.covariance().diagonal().cwiseMax(0).cwiseSqrt();
+  const Vector deviations = all.covariance().diagonal().cwiseSqrt();
   const Vector moved = (x_ - linearization_point_).cwiseAbs();
   for (Eigen::Index i = 0; i < layout_.g(0); ++i) {
     if (!(moved[i] <= std::clamp(deviations[i], kNear, kFar))) return true;

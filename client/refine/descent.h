@@ -86,6 +86,7 @@ class Descent {
   // The coordinates of what an image of a colour shows.
   Vector seen_in(const Vector& x, size_t colour) const { return x(layout_.of_colour(colour)); }
   void collect_sums();
+  void collect_model_error();
   ScoreEquations score_equations(size_t colour) const;
   std::vector<KnownStep> known_steps() const;
   ScoreTest test(size_t colour) const;
@@ -101,7 +102,7 @@ class Descent {
   NormalEquations normal_equations_;
   NormalEquations unexplained_;        // part of these, of pixels that no material explains
   std::vector<ScoreMoments> moments_;  // by colour
-  Matrix model_error_;                 // of the scores; empty: none
+  Matrix model_error_;                 // covariance of s by RefineSettings.model_error; empty: none
   Vector x_, linearization_point_;
   double samples_ = 0;
   double trust_radius_ = 1;

@@ -580,36 +580,37 @@ Matrix ImageEquations::moments() const {
   return terms.transpose() * terms;
 }
 
-Matrix ImageEquations::model_error(double size, double length, Eigen::Index exposure) const {
-  // What changes as the image does by its exposure, in squares of half that length.
+GrowthBySquare ImageEquations::growth(uint32_t side, Eigen::Index exposure) const {
   const auto coordinates = static_cast<Eigen::Index>(scores_.size());
-  const auto side = std::max(1U, static_cast<uint32_t>(length / 2));
-  struct Square {
-    Vector by_exposure;
-    double x = 0, y = 0, pixels = 0;
-  };
   const uint32_t width = observation_.scene->width;
-  std::map<std::pair<uint32_t, uint32_t>, Square> squares;
+  GrowthBySquare squares;
   for (size_t i = 0; i < pixels_.size(); ++i) {
     const uint32_t x = pixels_[i] % width, y = pixels_[i] / width;
-    Square& square = squares[{y / side, x / side}];
-    if (square.pixels == 0) square.by_exposure = Vector::Zero(coordinates);
+    SquareGrowth& square = squares[{y / side, x / side}];
+    if (square.pixels == 0) square.scores = Vector::Zero(coordinates);
     for (Eigen::Index c = 0; c < coordinates; ++c) {
-      square.by_exposure[c] +=
+      square.scores[c] +=
           robust_weight(i) * slopes_[static_cast<size_t>(c * coordinates + exposure)][i];
     }
     square.x += x;
     square.y += y;
     ++square.pixels;
   }
-  Matrix sum = Matrix::Zero(coordinates, coordinates);
+  return squares;
+}
+
+Matrix model_error(const GrowthBySquare& squares, double size, double length) {
+  constexpr double kFar = 4;  // lengths: beyond, nothing is alike
+  Matrix sum;
   for (const auto& [place, a] : squares) {
-    Vector alike = Vector::Zero(coordinates);
+    Vector alike = Vector::Zero(a.scores.size());
     for (const auto& [other_place, b] : squares) {
       const double x = a.x / a.pixels - b.x / b.pixels, y = a.y / a.pixels - b.y / b.pixels;
-      alike += std::exp(-(x * x + y * y) / (2 * length * length)) * b.by_exposure;
+      const double squared = (x * x + y * y) / (length * length);
+      if (squared < kFar * kFar) alike += std::exp(-squared / 2) * b.scores;
     }
-    sum += a.by_exposure * alike.transpose();
+    if (sum.size() == 0) sum = Matrix::Zero(alike.size(), alike.size());
+    sum += a.scores * alike.transpose();
   }
   return size * size * sum;
 }

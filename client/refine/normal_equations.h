@@ -22,7 +22,9 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <map>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "client/refine/matrix.h"
@@ -85,6 +87,17 @@ struct Structure {
   bool is_misfit(double least) const;
 };
 
+// By place, how sums of s change where the radiance of a square grows by a part of itself.
+struct SquareGrowth {
+  Vector scores;
+  double x = 0, y = 0, pixels = 0;  // sums over the pixels that count
+};
+using GrowthBySquare = std::map<std::pair<uint32_t, uint32_t>, SquareGrowth>;
+
+// The covariance of s, where the radiance differs by a part `size` of itself, root mean square,
+// that is alike over `length` pixels as a Gaussian process is.
+Matrix model_error(const GrowthBySquare& squares, double size, double length);
+
 class ImageEquations {
  public:
   // The observation must outlive it. `block`: in squares of so many pixels a side differences may
@@ -132,9 +145,9 @@ class ImageEquations {
   // terms of s and of H, row by row (client/refine/score_test.h).
   Matrix moments() const;
 
-  // The covariance of the sums of s, where the image differs by a part `size` of its radiance,
-  // root mean square, that is alike over so many pixels. `exposure`: its coordinate.
-  Matrix model_error(double size, double length, Eigen::Index exposure) const;
+  // How the sums of s change where the radiance grows by a part of itself, by squares of so many
+  // pixels a side. `exposure`: its coordinate.
+  GrowthBySquare growth(uint32_t side, Eigen::Index exposure) const;
 
   // By how much more differences to the renders so far scatter over large blocks than they would if
   // squares of block x block pixels were independent; at least 1. 1 where a square is a pixel.

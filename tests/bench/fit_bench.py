@@ -158,7 +158,7 @@ def mesh_of_the_photograph(ideal, folder, wrong, number):
     if wrong["mesh"]:
         vertices, triangles = finer(vertices, triangles)
     for name, shortest, longest in (("shape", 0.25, 1), ("waves", 0.1, 0.25)):
-        if wrong[name]:
+        if wrong[name] and not (name == "shape" and wrong["waves"]):
             vertices = uneven(vertices, shortest, longest, np.random.default_rng(number))
     write_mesh(folder / "truth.ply", vertices, triangles)
     return f'path: "{(folder / "truth.ply").resolve()}"'

@@ -1,5 +1,6 @@
 // What paths collect beside their radiance. A kind of it is a class in a file of this folder, and
-// an entry of the list below. All of its functions but columns() may be left out:
+// an entry of the list below; events-inl.h, media-inl.h, vertices-inl.h and state_columns.h are
+// what kinds and the walk share. All of its functions but columns() may be left out:
 //
 //   columns()                    the columns that begin and move with a path
 //   weights()                    those of them that take every factor of a path's weight W, but for

@@ -38,7 +38,7 @@ void NormalGradient::note_radiance(const FloatColumn& radiance) {
   turned_.clear();
 }
 
-void NormalGradient::record(uint32_t pixel, uint32_t sample, size_t slot, float radiance) {
+void NormalGradient::add_to_film(uint32_t pixel, uint32_t sample, size_t slot, float radiance) {
   for (const BoundaryTurn& turn : turns_[slot]) {
     const double light =
         turn.edge ? double{edge_radiance_[slot]} : double{radiance} - double{turn.radiance};

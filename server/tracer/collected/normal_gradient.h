@@ -55,8 +55,8 @@ class NormalGradient {
 
   // Light that reaches the pixel of a sample.
   void add(uint32_t pixel, uint32_t sample, const NormalScore& at, double light);
-  // The path in a slot has ended, and has collected this.
-  void record(uint32_t pixel, uint32_t sample, size_t slot, float radiance);
+  // Adds to the film what the path in a slot, which has ended, has collected.
+  void add_to_film(uint32_t pixel, uint32_t sample, size_t slot, float radiance);
 
  private:
   const Scene::Compiled& scene_;

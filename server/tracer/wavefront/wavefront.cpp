@@ -133,7 +133,7 @@ class Walk {
       recorder_.record(slot);
       const Paths& paths = wave_.paths;
       if (normals && paths.leaked[slot] == 0) {
-        normals->record(paths.pixel[slot], paths.sample[slot], slot, paths.radiance[slot]);
+        normals->add_to_film(paths.pixel[slot], paths.sample[slot], slot, paths.radiance[slot]);
       }
       if (source_.begin_path(wave_, slot)) continue;
       --wave_.count;

@@ -186,41 +186,50 @@ TEST(Refinement, SaysThatItWasOnItsWay) {
   }
 }
 
+// Differs by a part `size` of the radiance, root mean square, alike over `length` pixels.
+void make_a_little_off(Observation& observation, double size, double length, uint64_t seed) {
+  constexpr int kWaves = 60;
+  constexpr size_t kSide = SyntheticModel::kSide;
+  Gaussian1D gaussian(seed);
+  std::vector<double> error(SyntheticModel::kPixels);
+  for (int wave = 0; wave < kWaves; ++wave) {
+    const double u = gaussian() / length, v = gaussian() / length, phase = 10 * gaussian();
+    for (size_t p = 0; p < error.size(); ++p) {
+      error[p] +=
+          size * std::sqrt(2.0 / kWaves) *
+          std::cos(u * static_cast<double>(p % kSide) + v * static_cast<double>(p / kSide) + phase);
+    }
+  }
+  for (size_t p = 0; p < error.size(); ++p) {
+    observation.radiance[p] *= static_cast<float>(1 + error[p]);
+  }
+}
+
+v1::RefineSettings settings_of_a_little_off(uint64_t seed, double size, double length) {
+  v1::RefineSettings settings;
+  settings.set_seed(seed);
+  settings.set_max_spp(1024);
+  settings.set_unknown_exposure(true);
+  (*settings.mutable_known_within())["exposure"] = 0.01;
+  settings.set_model_error(size);
+  settings.set_model_error_length(size > 0 ? length : 0);
+  return settings;
+}
+
 // Images may differ from renders of the truth by some per cent, alike over some pixels, as those of
 // a shape that is a little off do. 95 % of the intervals have the truth if they are told so, and
 // less if not.
 TEST(Refinement, IntervalsKnowThatTheSceneIsALittleOff) {
-  constexpr int kImages = 100, kWaves = 60;
+  constexpr int kImages = 100;
   constexpr double kError = 0.05, kLength = 3;
-  constexpr size_t kSide = SyntheticModel::kSide;
   const SyntheticModel model;
   std::array<std::array<int, 3>, 2> inside{};
   for (uint64_t i = 0; i < kImages; ++i) {
     Observation observation = model.observe(kTruth, 0.02, 100 + i);
-    Gaussian1D gaussian(500 + i);
-    std::vector<double> error(SyntheticModel::kPixels);
-    for (int wave = 0; wave < kWaves; ++wave) {
-      const double u = gaussian() / kLength, v = gaussian() / kLength, phase = 10 * gaussian();
-      for (size_t p = 0; p < error.size(); ++p) {
-        error[p] += kError * std::sqrt(2.0 / kWaves) *
-                    std::cos(u * static_cast<double>(p % kSide) +
-                             v * static_cast<double>(p / kSide) + phase);
-      }
-    }
-    for (size_t p = 0; p < error.size(); ++p) {
-      observation.radiance[p] *= static_cast<float>(1 + error[p]);
-    }
+    make_a_little_off(observation, kError, kLength, 500 + i);
     for (const bool knows : {false, true}) {
-      v1::RefineSettings settings;
-      settings.set_seed(i);
-      settings.set_max_spp(1024);
-      settings.set_unknown_exposure(true);
-      (*settings.mutable_known_within())["exposure"] = 0.01;
-      if (knows) {
-        settings.set_model_error(kError);
-        settings.set_model_error_length(kLength);
-      }
-      const v1::RefineResult r = refined(model, {observation}, settings, {kStart});
+      const v1::RefineResult r = refined(
+          model, {observation}, settings_of_a_little_off(i, knows ? kError : 0, kLength), {kStart});
       std::array<int, 3>& count = inside[knows ? 1 : 0];
       count[0] += has(r.sigma_t(), kTruth.sigma_t) ? 1 : 0;
       count[1] += has(r.albedo(), kTruth.albedo) ? 1 : 0;
@@ -229,6 +238,33 @@ TEST(Refinement, IntervalsKnowThatTheSceneIsALittleOff) {
   }
   for (const int count : inside[0]) EXPECT_LT(count, 0.8 * kImages);
   for (const int count : inside[1]) EXPECT_GE(count, 0.87 * kImages);
+}
+
+// The colours of a photograph differ alike, and so three of them say no more of what they share, as
+// g, than one; colours of three photographs would.
+TEST(Refinement, ColoursAreALittleOffTogether) {
+  constexpr int kImages = 60;
+  constexpr double kError = 0.05, kLength = 3;
+  const std::array<Material, 3> truths{{{60, 0.8, 0.3}, {80, 0.7, 0.3}, {45, 0.9, 0.3}}};
+  const SyntheticModel model;
+  int inside = 0;
+  double together = 0, apart = 0;
+  for (uint64_t i = 0; i < kImages; ++i) {
+    std::vector<Observation> observations;
+    for (size_t c = 0; c < 3; ++c) {
+      observations.push_back(model.observe(truths[c], 0.02, 3 * i + c));
+      observations.back().colour = c;
+      make_a_little_off(observations.back(), kError, kLength, 500 + i);
+    }
+    const v1::RefineSettings settings = settings_of_a_little_off(i, kError, kLength);
+    const v1::RefinedParameter g = refined(model, observations, settings, {kStart}).g();
+    inside += has(g, 0.3) ? 1 : 0;
+    together += g.standard_deviation();
+    for (size_t c = 0; c < 3; ++c) observations[c].name = std::string(c + 1, 'a');
+    apart += refined(model, observations, settings, {kStart}).g().standard_deviation();
+  }
+  EXPECT_GE(inside, 0.85 * kImages);
+  EXPECT_GT(together, 1.3 * apart);
 }
 
 // If hardly anything is absorbed, noise of the renders moves the albedo as far as it is uncertain:

@@ -6,10 +6,10 @@
 #define ITN_TRACER_WAVEFRONT_WALK_BEGIN_INL_H_
 #endif
 
-#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 
 #include "common/low_discrepancy.h"

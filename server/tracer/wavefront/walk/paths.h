@@ -151,7 +151,7 @@ class PathRecorder {
 
   // The estimate of the path in a slot, but for what kinds of Collected have of it.
   PathEstimate& read(size_t slot);
-  // Adds it to the film.
+  // Adds the estimate that was read last, of this slot, to the film.
   void record(size_t slot);
 
  private:

@@ -7,9 +7,9 @@
 #endif
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <numbers>
+#include <optional>
 #include <vector>
 
 #include "common/fields.h"
@@ -40,8 +40,6 @@ struct Wavefront {
         request(asked),
         switches(options.switches),
         media(compiled, asked),
-        sigma_t(media.object().sigma_t),
-        medium_derivatives(asks_for_medium(asked)),
         shadow_ray_threshold(static_cast<float>(options.tuning.shadow_ray_roulette *
                                                 compiled.lights.power() / (4 * std::numbers::pi))),
         stops_at_boundary(stops_lines(compiled.boundary)),
@@ -112,13 +110,11 @@ struct Wavefront {
   const RenderRequest& request;
   const Switches& switches;
   const Media media;
-  const float sigma_t;  // of the object
-  const bool medium_derivatives;
   const float shadow_ray_threshold;  // of their roulette, as a radiance; 0: all are traced
   size_t part_count = 0;             // of light: see LightParts
 
   Paths paths;
-  const size_t phase_slots = medium_derivatives ? slot_count(media.object().phase) : 0;
+  const size_t phase_slots = asks_for_medium(request) ? slot_count(media.object().phase) : 0;
   const size_t slots = phase_slots + (asks_for_boundary(request) ? slot_count(scene.boundary) : 0);
   Collected collected{scene, request, slots, phase_slots, film};
   size_t count = 0;  // of paths under way, in slots 0 .. count - 1
