@@ -288,9 +288,9 @@ TEST_F(FitCommand, TakesASceneThatIsGiven) {
   constexpr float kScale = 3;
   for (float& value : brighter.channels.at("Y")) value *= kScale;
   write_exr(folder_->path("brighter.exr"), brighter);
-  const Finished done =
-      run({kItn, "fit", folder_->path("brighter.exr"), "--scene", folder_->path("given.textproto"),
-           "--starts", "2", "--max-spp", "2048", "--json", "-o", folder_->path("given")});
+  const Finished done = run({kItn, "fit", folder_->path("brighter.exr"), "--scene",
+                             folder_->path("given.textproto"), "--shape-error", "0", "--starts",
+                             "2", "--max-spp", "2048", "--json", "-o", folder_->path("given")});
   ASSERT_EQ(done.exit_code, 0) << done.errors;
   EXPECT_THAT(done.errors, HasSubstr("the index of refraction stays that of the scene"));
   v1::FitResult result;
