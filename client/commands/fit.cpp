@@ -354,16 +354,17 @@ std::string digests_of(const FitOptions& options) {
 std::string in_words(const FitOptions& options) {
   const PhotographOptions& photograph = options.photograph;
   return fmt::format(
-             "photographs: {}\nscenes: {}\nshape: {}, size {}, mesh unit {}, repair {}\nlight: {}, "
-             "flash "
-             "{} within "
-             "{}, panorama {}, sun {}, camera {} within {}\nshape within {}\ncard: {} of {} at {} "
-             "within "
-             "{}\nfocal length: "
-             "{}\nindex: {} "
-             "within {}\ng: {} within {}, of each colour {}\nresolution: {}, luminance {}\nmask: "
-             "{}, linear {}, layer {}\nstart: {}, {} starts, "
-             "seed {}, spp {}\n",
+             "photographs: {}\nscenes: {}\n"
+             "shape: {}, size {}, mesh unit {}, repair {}\n"
+             "light: {}, flash {} within {}, panorama {}, sun {}, camera {} within {}\n"
+             "shape within {}\n"
+             "card: {} of {} at {} within {}\n"
+             "focal length: {}\n"
+             "index: {} within {}\n"
+             "g: {} within {}, of each colour {}\n"
+             "resolution: {}, luminance {}\n"
+             "mask: {}, linear {}, layer {}\n"
+             "start: {}, {} starts, seed {}, spp {}\n",
              fmt::join(options.images, " "), fmt::join(options.scenes, " "), options.shape,
              options.object_size.empty() ? "of its file"
                                          : fmt::format("{}", fmt::join(options.object_size, ",")),
@@ -390,10 +391,10 @@ std::string in_words(const FitOptions& options) {
 }
 
 // None goes on in the folder of another one.
-void require_same(const FitOptions& options, const fs::path& folder) {
+void require_same(const std::string& now, const fs::path& folder) {
   const fs::path file = folder / kOptionsFile;
   if (!fs::exists(file)) return;
-  const std::string before = read_file(file, "options"), now = in_words(options);
+  const std::string before = read_file(file, "options");
   if (before == now) return;
   // The lines that differ.
   std::string differences;
@@ -434,18 +435,19 @@ void run_fit(const FitOptions& options) {
   const auto begin = std::chrono::steady_clock::now();
   const FolderLock lock(folder, "fits a material");
   lock.remove_temporary_files();
-  require_same(options, folder);
+  const std::string words = in_words(options);
+  require_same(words, folder);
   v1::FitResult result;
   RefineOptions refine = options.refine;
   refine.expected_g = options.g;
   refine.known_within[kKnownG] = options.g_error > 0 ? options.g_error : kAsGiven;
   if (!options.scenes.empty()) {
     prepare_given_scenes(options, folder, refine);
-    write_file_atomically(folder / kOptionsFile, in_words(options));
+    write_file_atomically(folder / kOptionsFile, words);
   } else if (!read_posed_scenes(options, folder, refine, result)) {
     fs::remove(folder / kPosesFile);
     write_posed_scenes(options, folder, refine, result);
-    write_file_atomically(folder / kOptionsFile, in_words(options));
+    write_file_atomically(folder / kOptionsFile, words);
     write_file_atomically(folder / kPosesFile, to_text_proto(result));
   }
   if (options.scenes.empty()) set_unknowns(options, refine);

@@ -149,12 +149,17 @@ def uneven(vertices, shortest, longest, rng):
     return vertices + (moved - whole @ np.linalg.lstsq(whole, moved, rcond=None)[0]).reshape(-1, 3)
 
 
-def mesh_of_the_photograph(ideal, folder, wrong, number):
-    """What the scene has of a shape whose mesh, for the fit, is this one."""
-    vertices, triangles = read_mesh(ideal)
+def read_normalized(path):
+    """Vertices and triangles of a PLY file, brought to the origin and to a longest side of 1."""
+    vertices, triangles = read_mesh(path)
     least, most = vertices.min(0), vertices.max(0)
     origin = np.array([(least[0] + most[0]) / 2, least[1], (least[2] + most[2]) / 2])
-    vertices = (vertices - origin) / (most - least).max()
+    return (vertices - origin) / (most - least).max(), triangles
+
+
+def mesh_of_the_photograph(ideal, folder, wrong, number):
+    """What the scene has of a shape whose mesh, for the fit, is this one."""
+    vertices, triangles = read_normalized(ideal)
     if wrong["mesh"]:
         vertices, triangles = finer(vertices, triangles)
     for name, shortest, longest in (("shape", 0.25, 1), ("waves", 0.1, 0.25)):
@@ -346,14 +351,6 @@ def pose_error(folder, shape, middle):
     return degrees, ranges[1] / ranges[0] - 1
 
 
-def middle_of(mesh):
-    """The mean of the vertices of a PLY file, once its longest side is 1 and it stands at the origin."""
-    vertices, _ = read_mesh(mesh)
-    least, most = vertices.min(0), vertices.max(0)
-    origin = np.array([(least[0] + most[0]) / 2, least[1], (least[2] + most[2]) / 2])
-    return (vertices.mean(0) - origin) / (most - least).max()
-
-
 def file_of(shape, options):
     mesh = shape_of(shape, options.out, options.itn)[1]
     return pathlib.Path(mesh) if "/" in mesh else options.out / "builtin" / f"{mesh.split(':')[0]}.ply"
@@ -462,7 +459,7 @@ def main():
             continue
         pose = result["poses"][0]
         text = f"{number:3} {shape:10} overlap {pose['overlap']:.3f}{' AMBIGUOUS' if pose.get('ambiguous') else ''}"
-        degrees, off = pose_error(folder, shape, middle_of(file_of(shape, options)))
+        degrees, off = pose_error(folder, shape, read_normalized(file_of(shape, options))[0].mean(0))
         right_poses += (degrees <= 1 and abs(off) <= 0.005) or pose.get("ambiguous", False)
         text += f" {degrees:.2f} degrees {100 * off:+.2f} %"
         told += any(found.get("misfit", False) for found in result["results"])

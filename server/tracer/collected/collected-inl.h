@@ -6,7 +6,7 @@
 //   weights()                    those of them that take every factor of a path's weight W, but for
 //                                those of vertices
 //   begin(slot), move(from, to)  what it knows of paths beside columns begins and moves
-//   on_vertex(at)           takes the vertices' factors into its weights
+//   on_vertex(at)                takes the vertices' factors into its weights
 //   on_flight(flight)            takes what a flight makes of scores
 //   on_light(light)              collects light that arrives
 //   importance(least, i)         what the paths are worth to it, or `least` if that is more: for

@@ -7,9 +7,12 @@
 #endif
 
 #include <cstddef>
+#include <vector>
 
 #include "server/tracer/collected/media-inl.h"
+#include "server/tracer/collected/state_columns.h"
 #include "server/tracer/collected/vertices-inl.h"
+#include "server/tracer/film/film_writer.h"
 #include "server/tracer/request/request.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -49,6 +52,16 @@ struct Light {
   Floats length;        // in the object's medium, in mm, since the last vertex
   const LightParts& parts;
 };
+
+// Writes what the path in a slot has collected: a column for each of the request's derivatives with
+// these numbers.
+inline void record_derivatives(const std::vector<size_t>& derivatives,
+                               const FloatStates<>& collected, size_t slot,
+                               PathEstimate& estimate) {
+  for (size_t k = 0; k < derivatives.size(); ++k) {
+    estimate.derivatives[derivatives[k]] = collected[k][slot];
+  }
+}
 
 }  // namespace itn::tracer::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();

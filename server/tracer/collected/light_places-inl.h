@@ -77,9 +77,7 @@ class LightPlaces {
   auto columns() { return std::tie(collected_); }
 
   void record(size_t slot, float /*expected*/, PathEstimate& estimate) const {
-    for (size_t p = 0; p < by_place_.size(); ++p) {
-      estimate.derivatives[by_place_[p]] = collected_[p][slot];
-    }
+    record_derivatives(by_place_, collected_, slot, estimate);
   }
 
  private:

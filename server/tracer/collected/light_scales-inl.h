@@ -43,9 +43,7 @@ class LightScales {
   }
 
   void record(size_t slot, float /*expected*/, PathEstimate& estimate) const {
-    for (size_t l = 0; l < lights_.size(); ++l) {
-      estimate.derivatives[by_scale_[l]] = collected_[l][slot];
-    }
+    record_derivatives(by_scale_, collected_, slot, estimate);
   }
 
  private:

@@ -29,7 +29,8 @@ class Reflectances {
     for (size_t d = 0; d < request.derivatives.size(); ++d) {
       const Parameter& parameter = request.derivatives[d];
       if (parameter.kind != Parameter::kReflectance) continue;
-      asked_.push_back({d, scene.obstacles.surfaces.triangles_of(parameter.index),
+      derivatives_.push_back(d);
+      asked_.push_back({scene.obstacles.surfaces.triangles_of(parameter.index),
                         scene.surfaces[parameter.index].reflectance,
                         slots_of<Reflectance>()[parameter.slot].number});
     }
@@ -42,7 +43,7 @@ class Reflectances {
 
   HWY_INLINE void on_vertex(const AtVertex& at) {
     for (size_t r = 0; r < asked_.size(); ++r) {
-      const auto& [derivative, triangles, reflectance, slot] = asked_[r];
+      const auto& [triangles, reflectance, slot] = asked_[r];
       const Floats slope = reflectance_slope(reflectance, slot, at.position);
       const Floats gain =
           hn::IfThenElseZero(among(triangles, at.vertices.triangles), at.weight * slope);
@@ -71,18 +72,16 @@ class Reflectances {
   }
 
   void record(size_t slot, float /*expected*/, PathEstimate& estimate) const {
-    for (size_t r = 0; r < asked_.size(); ++r) {
-      estimate.derivatives[asked_[r].derivative] = collected_[r][slot];
-    }
+    record_derivatives(derivatives_, collected_, slot, estimate);
   }
 
  private:
   struct Asked {
-    size_t derivative;  // its number in the request
     Surfaces::Range triangles;
     const Reflectance& reflectance;
     size_t slot;  // in the reflectance's kind
   };
+  std::vector<size_t> derivatives_;  // which of the request's
   std::vector<Asked> asked_;
   FloatStates<> d_weight_, collected_;
 };

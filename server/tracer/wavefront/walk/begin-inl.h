@@ -9,7 +9,6 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <optional>
 #include <span>
 
 #include "common/low_discrepancy.h"
@@ -81,8 +80,7 @@ class PathSource {
         request_(request),
         switches_(switches),
         queue_(queue),
-        sequences_(request.seed, request.estimates),
-        index_slot_(differentiated_index(request, scene.boundary)) {}
+        sequences_(request.seed, request.estimates) {}
 
   // Puts the next path into a slot, with the camera's ray. False if there is none.
   bool begin_path(Wavefront& wave, size_t slot) {
@@ -95,8 +93,8 @@ class PathSource {
     for (UintColumn& medium : paths.medium) {
       medium[slot] = static_cast<uint32_t>(scene_.camera_medium);
     }
-    if (index_slot_) {
-      paths.score_slots[paths.control_phase.size() + *index_slot_][slot] = scene_.camera_score;
+    if (wave.index_slot) {
+      paths.score_slots[paths.control_phase.size() + *wave.index_slot][slot] = scene_.camera_score;
     }
     paths.pixel[slot] = sample.pixel;
     paths.sample[slot] = sample.sample;
@@ -147,7 +145,6 @@ class PathSource {
   std::array<CameraRay, PixelSequences::kMaxSamples> camera_rays_;
   PixelSequences::Points film_points_;
   size_t count_ = 0, next_ = 0;
-  const std::optional<size_t> index_slot_;
 };
 
 }  // namespace itn::tracer::HWY_NAMESPACE

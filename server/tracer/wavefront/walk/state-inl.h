@@ -51,9 +51,7 @@ struct Wavefront {
         mirrors_shadow_rays(boundary_is_delta && refracts_shadow_rays),
         index_slot(differentiated_index(asked, compiled.boundary)),
         boundary_derivatives{index_slot.has_value(), asked.gradient_normals} {
-    if (asked.gradient_light) {
-      shadow_rays.per_radiance.resize(1);
-    }
+    shadow_rays.per_radiance.resize(asked.gradient_light ? 1 : 0);
     paths.control_phase.resize(phase_slots);
     paths.score_slots.resize(slots);
     paths.d_slots.resize(slots);
