@@ -3,8 +3,10 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 namespace itn {
@@ -53,6 +55,11 @@ void Progress::update(uint64_t done, const std::string& note) {
   show(now);
 }
 
+void Progress::end_within(double seconds) {
+  end_ = Clock::now() + std::chrono::duration_cast<Clock::duration>(
+                            std::chrono::duration<double>(std::max(0.0, seconds)));
+}
+
 void Progress::finish() {
   if (std::exchange(finished_, true)) return;
   show(Clock::now());
@@ -72,8 +79,12 @@ std::string Progress::line(Clock::time_point now) const {
   if (finished_) {
     text += fmt::format("  {} in all", format_duration(whole(seconds)));
   } else if (rate > 0 && total_ >= done_) {
-    text += fmt::format("  {} left",
-                        format_duration(whole(static_cast<double>(total_ - done_) / rate)));
+    double left = static_cast<double>(total_ - done_) / rate;
+    const double to_end = end_ ? std::chrono::duration<double>(*end_ - now).count()
+                               : std::numeric_limits<double>::max();
+    const bool is_limited = to_end < left;
+    if (is_limited) left = std::max(0.0, to_end);
+    text += fmt::format("  {}{} left", is_limited ? "at most " : "", format_duration(whole(left)));
   }
   if (!note_.empty()) text += "  " + note_;
   return text;

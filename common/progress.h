@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstdint>
 #include <cstdio>
+#include <optional>
 #include <string>
 
 namespace itn {
@@ -24,6 +25,8 @@ class Progress {
 
   // `note` is shown at the end of the line, e.g. the current loss.
   void update(uint64_t done, const std::string& note = "");
+  // It ends `seconds` from now at the latest, where a limit of time is left of that many.
+  void end_within(double seconds);
   // The last line, with the time that everything took. Later calls do nothing.
   void finish();
 
@@ -41,6 +44,7 @@ class Progress {
   bool finished_ = false;
   Clock::time_point start_ = Clock::now();
   Clock::time_point shown_ = start_;
+  std::optional<Clock::time_point> end_;  // at the latest
 };
 
 // Nothing more is shown, by any Progress of the program.

@@ -69,7 +69,10 @@ void write_overlay(const fs::path& file, const FitPhotograph& photograph, const 
 void check(const FitOptions& options) {
   const auto usage = [](const std::string& message) { return Error(ErrorKind::kUsage, message); };
   if (options.shape.empty() == options.scenes.empty()) {
-    throw usage("say --shape, of an object that is to be found; or --scene, where all is known");
+    throw usage(
+        "say either --shape, of an object that is to be found, or --scene, where shape and pose "
+        "are "
+        "known");
   }
   if (options.refine.g_of_each_colour && options.g_error == 0) {
     throw usage("--g-of-each-colour is for a g that is found: say --g-error, such as 0.4");
@@ -191,8 +194,7 @@ fs::path scene_file(const fs::path& folder, const FitOptions& options, size_t i)
 void set_seen(const FitOptions& options, const Image& image, const v1::FitPose& pose,
               RefineOptions& refine) {
   const std::vector<float>& mask = image.channel("mask.Y");
-  refine.block = block_of(mask, image.width, pose.image());
-  set_model_error(options.shape_error, mask, image.width, refine);
+  allow_for_likeness(mask, image.width, pose.image(), options.shape_error, refine);
   if (options.refine.init != "mean") return;
   const v1::Material& start = pose.start();
   refine.init = fmt::format("{},{},{}", start.sigma_t(), start.albedo(), start.g());
@@ -342,6 +344,10 @@ std::string to_text(const v1::FitResult& result, const fs::path& folder) {
 std::string digests_of(const FitOptions& options) {
   std::string text = "SHA-256 of files:\n";
   std::vector<std::string> files = options.images;
+  for (const std::string& image : options.images) {
+    const std::string& mask = options.photograph.mask;
+    if (fs::is_directory(mask)) files.push_back(mask_in_folder(mask, image));
+  }
   files.insert(files.end(), {options.photograph.mask, options.shape, options.light});
   for (const std::string& file : files) {
     if (!fs::is_regular_file(file)) continue;
@@ -441,18 +447,28 @@ void run_fit(const FitOptions& options) {
   RefineOptions refine = options.refine;
   refine.expected_g = options.g;
   refine.known_within[kKnownG] = options.g_error > 0 ? options.g_error : kAsGiven;
+  const auto seconds = [&] {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  };
   if (!options.scenes.empty()) {
     prepare_given_scenes(options, folder, refine);
     write_file_atomically(folder / kOptionsFile, words);
   } else if (!read_posed_scenes(options, folder, refine, result)) {
     fs::remove(folder / kPosesFile);
-    write_posed_scenes(options, folder, refine, result);
+    try {
+      write_posed_scenes(options, folder, refine, result);
+    } catch (const Error& error) {
+      if (error.kind() != ErrorKind::kCancelled) throw;
+      throw Error(error.kind(), fmt::format("{} before all was found where it stands, so nothing "
+                                            "is kept: the same command begins anew",
+                                            error.what()));
+    }
+    result.set_search_seconds(seconds());
     write_file_atomically(folder / kOptionsFile, words);
     write_file_atomically(folder / kPosesFile, to_text_proto(result));
   }
   if (options.scenes.empty()) set_unknowns(options, refine);
-  refine.seconds_before =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  refine.seconds_before = std::max(seconds(), result.search_seconds());
   const std::vector<v1::RefineResult> found = find_materials(refine);
   result.mutable_results()->Add(found.begin(), found.end());
   write_report(options, refine.scenes.front(), folder, result);

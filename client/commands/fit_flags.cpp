@@ -20,19 +20,15 @@ void add_flags(CLI::App& command, FitOptions& options) {
           "that is set by hand. Pixels at its edge, and at the top of what a file can hold, "
           "do not count. A gray card is in the first one")
       ->required();
-  CLI::Option* scene =
-      command
-          .add_option(
-              "--scene", options.scenes,
-              "Scene file in which all is known but material, roughness and exposure: one for "
-              "all images, or once for each, in order. Photographs are averaged down to its "
-              "film")
-          ->allow_extra_args(false);
   command
-      .add_option("--shape", options.shape,
-                  "A PLY, OBJ or STL file, or a shape that itn shapes lists, as sphere: where it "
-                  "stands is found")
-      ->excludes(scene);
+      .add_option("--scene", options.scenes,
+                  "Scene file in which all is known but material, roughness and exposure: one for "
+                  "all images, or once for each, in order. Photographs are averaged down to its "
+                  "film")
+      ->allow_extra_args(false);
+  command.add_option("--shape", options.shape,
+                     "A PLY, OBJ or STL file, or a shape that itn shapes lists, as sphere: where "
+                     "it stands is found");
   command
       .add_option("--object-size", options.object_size,
                   "Longest side of the object, in mm; or its sides along x, y and z of the shape, "

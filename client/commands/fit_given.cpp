@@ -67,6 +67,7 @@ void prepare_given_scenes(const FitOptions& options, const fs::path& folder,
       }
     }
     image.channels["mask.Y"] = marked.mask;
+    allow_for_likeness(marked.mask, image.width, name, options.shape_error, refine);
     const fs::path file =
         folder /
         fmt::format("photograph{}.exr", options.images.size() == 1 ? "" : fmt::format("_{}", i));
@@ -74,9 +75,6 @@ void prepare_given_scenes(const FitOptions& options, const fs::path& folder,
     refine.images.push_back(file.string());
   }
   const v1::Object& object = scenes.front().object();
-  const std::vector<float>& mask = images.front().channel("mask.Y");
-  refine.block = block_of(mask, images.front().width, options.images.front());
-  set_model_error(options.shape_error, mask, images.front().width, refine);
   if (object.has_rough_dielectric()) {
     refine.unknowns = {kRoughness};
     if (options.index_error > 0 && !std::ranges::all_of(scenes, have_size)) {

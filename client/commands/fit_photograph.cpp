@@ -210,6 +210,8 @@ PinholeView view_of(const FitPhotograph& photograph, int side) {
           (0.5 * photograph.height - photograph.square.top) * by, side};
 }
 
+namespace {
+
 uint32_t block_of(const std::vector<float>& mask, int width, const std::string& name) {
   constexpr int kBlocksPerSide = 24;
   constexpr double kLeast = 60;
@@ -224,11 +226,8 @@ uint32_t block_of(const std::vector<float>& mask, int width, const std::string& 
   return static_cast<uint32_t>(std::max(1, side));
 }
 
-void set_model_error(double shape_error, const std::vector<float>& mask, int width,
-                     RefineOptions& refine) {
-  // By renders of three objects moved by 0.2 % of their size (RMS) in waves of a quarter of the
-  // size to all of it: the radiance changes by 0.8 to 1.5 %, alike over about a fifteenth.
-  constexpr double kByShape = 6, kLength = 1.0 / 15;
+// Pixels of the longer side of what bounds the object.
+int extent(const std::vector<float>& mask, int width) {
   constexpr int kNone = std::numeric_limits<int>::max();
   int left = kNone, right = 0, top = kNone, bottom = 0;
   for (int p = 0; p < static_cast<int>(mask.size()); ++p) {
@@ -238,8 +237,22 @@ void set_model_error(double shape_error, const std::vector<float>& mask, int wid
     top = std::min(top, p / width);
     bottom = std::max(bottom, p / width);
   }
+  return std::max(right - left, bottom - top);
+}
+
+}  // namespace
+
+void allow_for_likeness(const std::vector<float>& mask, int width, const std::string& name,
+                        double shape_error, RefineOptions& refine) {
+  // By renders of three objects moved by 0.2 % of their size (RMS) in waves of a quarter of the
+  // size to all of it: the radiance changes by 0.8 to 1.5 %, alike over about a fifteenth.
+  constexpr double kByShape = 6, kParts = 15;
+  const bool is_first = refine.model_error_length == 0;
+  const uint32_t block = block_of(mask, width, name);
+  refine.block = is_first ? block : std::min(refine.block, block);
   refine.model_error = kByShape * shape_error;
-  refine.model_error_length = kLength * std::max({right - left, bottom - top, 15});
+  refine.model_error_length =
+      std::max({refine.model_error_length, extent(mask, width) / kParts, 1.0});
 }
 
 bool is_builtin(const std::string& shape) {

@@ -55,15 +55,13 @@ double focal_in_pixels(const PhotographContent& content, const std::string& name
 // The camera of the photograph in an image of the square, of another side.
 PinholeView view_of(const FitPhotograph& photograph, int side);
 
-// The side of squares over which differences hang together (RefineSettings.block): a 24th of the
-// frame's, or less, so that the mask has 60 of them. Throws Error (invalid input) if it has fewer
-// pixels.
-uint32_t block_of(const std::vector<float>& mask, int width, const std::string& name);
-
-// Sets model_error and its length to what a shape that is as much off as it may be makes of an
-// image whose object has this mask.
-void set_model_error(double shape_error, const std::vector<float>& mask, int width,
-                     RefineOptions& refine);
+// Neighbouring pixels of an image differ alike. Sets RefineSettings.block, the side of squares that
+// count as one, to a 24th of the frame's, or less, so that the mask has 60 of them; and model_error
+// and its length to what a shape that is so far off makes of an image whose object has this mask.
+// Called for several images, the smallest block and the longest length are left. Throws Error
+// (invalid input) if the mask has fewer than 60 pixels.
+void allow_for_likeness(const std::vector<float>& mask, int width, const std::string& name,
+                        double shape_error, RefineOptions& refine);
 
 // A shape that is no file.
 bool is_builtin(const std::string& shape);

@@ -443,7 +443,11 @@ std::vector<v1::RefineResult> find_materials(const RefineOptions& options) {
       .origin = origin_of(options),
       .seconds_before = options.seconds_before,
       .starts = [&] { return starts_around(first_start(options, scenes), options.starts); },
-      .report = [&](const v1::RefineIteration& i) { progress.update(++done, in_short(i)); }};
+      .report =
+          [&](const v1::RefineIteration& i) {
+            if (options.time_limit > 0) progress.end_within(options.time_limit - i.seconds());
+            progress.update(++done, in_short(i));
+          }};
   const Refinement refinement = refine(settings, observations, renderer, refine_run);
   std::vector<v1::RefineResult> results;
   for (size_t colour = 0; colour < refinement.colours(); ++colour) {

@@ -73,30 +73,6 @@ void mark_plateaus(PhotographContent& content) {
 
 // --- Where the object is ---
 
-// The mask of a photograph in a folder of masks: of the same name, whatever the format.
-std::string mask_in_folder(const fs::path& folder, const std::string& photograph) {
-  const fs::path stem = fs::path(photograph).stem();
-  const fs::path same = folder / fs::path(photograph).filename();
-  if (fs::exists(same)) return same.string();
-  std::vector<std::string> found;
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
-    if (entry.path().stem() == stem && is_photograph(entry.path())) {
-      found.push_back(entry.path().string());
-    }
-  }
-  if (found.empty()) {
-    throw Error(ErrorKind::kIo,
-                fmt::format("there is no mask of {} in {}: {}.png, or another image of that name",
-                            photograph, folder.string(), stem.string()));
-  }
-  if (found.size() > 1) {
-    std::ranges::sort(found);
-    throw Error(ErrorKind::kIo, fmt::format("which of them is the mask of {}: {}?", photograph,
-                                            fmt::join(found, ", ")));
-  }
-  return found.front();
-}
-
 // The part of the photograph that is the object's, and of its border.
 struct Coverage {
   double all = 0, border = 0;
@@ -224,6 +200,30 @@ PhotographContent read_content(const std::string& name, const FileReading& readi
                  least);
   }
   return content;
+}
+
+std::string mask_in_folder(const std::string& masks, const std::string& name) {
+  const fs::path folder = masks;
+  const fs::path stem = fs::path(name).stem();
+  const fs::path same = folder / fs::path(name).filename();
+  if (fs::exists(same)) return same.string();
+  std::vector<std::string> found;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+    if (entry.path().stem() == stem && is_photograph(entry.path())) {
+      found.push_back(entry.path().string());
+    }
+  }
+  if (found.empty()) {
+    throw Error(ErrorKind::kIo,
+                fmt::format("there is no mask of {} in {}: {}.png, or another image of that name",
+                            name, folder.string(), stem.string()));
+  }
+  if (found.size() > 1) {
+    std::ranges::sort(found);
+    throw Error(ErrorKind::kIo,
+                fmt::format("which of them is the mask of {}: {}?", name, fmt::join(found, ", ")));
+  }
+  return found.front();
 }
 
 std::vector<float> read_mask_for(const PhotographContent& content, const std::string& name,

@@ -34,6 +34,10 @@ struct PhotographContent {
 };
 PhotographContent read_content(const std::string& name, const FileReading& reading);
 
+// The mask of the photograph `name` in the folder `masks`: of the same name, whatever the format.
+// Throws Error (kIo) if there is none, or more than one.
+std::string mask_in_folder(const std::string& masks, const std::string& name);
+
 // The mask of a photograph in a file, or in a folder of such: in [0, 1], of its size. Throws Error
 // as read_mask() does, kIo if the folder has none, kInvalidInput if it does not fit, is dark, or
 // covers all.

@@ -370,8 +370,13 @@ def case(number, options):
     truths = [{"sigma_s_reduced": dense * s * sigma_s, "sigma_a": dense * a * sigma_a}
               for s, a in (COLOURS if options.colour else [(1, 1)])]
     g = rng.uniform(0, 0.8)
+    told = f"wrong: {','.join(options.wrong)}; lie: {options.lie}; seed: {options.seed}; time limit: {options.time_limit:g} s\n"
+    said = folder / "case.txt"
+    if result.exists() and (not said.exists() or said.read_text() != told):
+        raise SystemExit(f"{folder} has a case of other options than {told.strip()}: choose another --out")
     if not result.exists():
         folder.mkdir(parents=True, exist_ok=True)
+        said.write_text(told)
         mesh, fitted = shape_of(shape, options.out, options.itn)
         scale, size = size_of(shape)
         wrong = {name: 1 if name in options.wrong or name == options.lie else 0 for name in DISTURBANCES + LIES}
@@ -383,6 +388,8 @@ def case(number, options):
         turn = 0 if by_flash(options.setup) else rng.uniform(-180, 180)
         mesh += " normalize: true"
         has_corners = shape.split(":")[0] in SIDES
+        if wrong["waves"] and has_corners:
+            raise SystemExit(f"--lie waves moves vertices, and a {shape} has none but its corners")
         if (wrong["mesh"] or wrong["shape"] or wrong["waves"]) and not has_corners:
             mesh = mesh_of_the_photograph(file_of(shape, options), folder, wrong, number)
         (folder / "truth.textproto").write_text(

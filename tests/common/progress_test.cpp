@@ -79,6 +79,7 @@ TEST(Progress, OnATerminalRedrawsOneLineAtMostTenTimesASecond) {
   {
     Progress progress("training", "steps", 1000, 0, file);
     for (uint64_t i = 0; i < 250; ++i) {
+      if (i == 125) progress.end_within(0);
       progress.update(i);
       std::this_thread::sleep_for(std::chrono::milliseconds(1));
     }
@@ -92,6 +93,7 @@ TEST(Progress, OnATerminalRedrawsOneLineAtMostTenTimesASecond) {
   EXPECT_GE(drawn, 2);
   EXPECT_LE(drawn, tenths + 1);
   EXPECT_THAT(text, HasSubstr(" left"));
+  EXPECT_THAT(text, HasSubstr("at most 0 s left"));
   std::fclose(file);
   ::close(controller);
 }

@@ -194,6 +194,7 @@ TEST_F(FitCommand, GoesOnWhereItWasStopped) {
   ASSERT_EQ(fit("0.001").exit_code, 0);
   const auto poses = [&] { return read_file(folder_->path("stopped/poses.textproto"), "poses"); };
   const std::string before = poses();
+  EXPECT_THAT(before, HasSubstr("search_seconds: "));
   const Finished done = fit("0.002");
   ASSERT_EQ(done.exit_code, 0) << done.errors;
   EXPECT_THAT(done.errors, HasSubstr("it is not searched again"));
