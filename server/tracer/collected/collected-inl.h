@@ -32,16 +32,17 @@
 #include "server/tracer/collected/medium-inl.h"
 #include "server/tracer/collected/normal_gradient.h"
 #include "server/tracer/collected/reflectances-inl.h"
+#include "server/tracer/collected/scores-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
 struct Collected {
-  Collected(const Scene::Compiled& scene, const RenderRequest& request, size_t slots,
-            size_t phase_slots, FilmWriter& film)
+  Collected(const Scene::Compiled& scene, const RenderRequest& request, FilmWriter& film)
       : medium(request),
+        scores(scene, request),
         albedos(request),
-        colours(scene, request, slots, phase_slots),
+        colours(scene, request, scores),
         reflectances(scene, request),
         light_scales(request),
         light_places(scene, request),
@@ -50,6 +51,7 @@ struct Collected {
   }
 
   MediumDerivatives medium;
+  Scores scores;
   Albedos albedos;
   Colours colours;
   Reflectances reflectances;
@@ -62,6 +64,7 @@ struct Collected {
   template <typename Visit>
   static HWY_INLINE void for_each(auto& all, const Visit& visit) {
     visit(all.medium);
+    visit(all.scores);
     visit(all.albedos);
     visit(all.colours);
     visit(all.reflectances);

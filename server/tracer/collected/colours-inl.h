@@ -24,6 +24,7 @@
 #include "common/fields.h"
 #include "server/tracer/collected/events-inl.h"
 #include "server/tracer/collected/medium-inl.h"
+#include "server/tracer/collected/scores-inl.h"
 #include "server/tracer/collected/state_columns.h"
 #include "server/tracer/colour/channel.h"
 #include "server/tracer/film/film_writer.h"
@@ -36,23 +37,20 @@ namespace itn::tracer::HWY_NAMESPACE {
 
 class Colours {
  public:
-  // `slots`: of phase function and boundary, as many as there are scores; the first `phase_slots`
-  // are the phase function's.
-  Colours(const Scene::Compiled& scene, const RenderRequest& request, size_t slots,
-          size_t phase_slots)
+  Colours(const Scene::Compiled& scene, const RenderRequest& request, const Scores& scores)
       : scene_(scene),
         least_sigma_t_(static_cast<float>(request.material.sigma_t)),
         asks_for_medium_(asks_for_medium(request)),
-        slots_(slots),
-        index_slot_(differentiated_index(request, scene.boundary)),
-        phase_slots_(phase_slots) {
+        scores_(scores.count()),
+        phase_scores_(scores.phase_count()),
+        index_score_(scores.index_score()) {
     for (const Material& colour : request.colours) {
       media_.push_back({static_cast<float>(colour.sigma_t), static_cast<float>(colour.albedo)});
     }
     for (auto* columns : {&weight_, &likelihood_}) columns->resize(size());
     for (auto* columns : {&d_weight_, &score_, &radiance_}) columns->resize(size());
-    edge_.resize(index_slot_ ? size() : 0);
-    derivatives_.resize(size() * (2 + slots));
+    edge_.resize(index_score_ ? size() : 0);
+    derivatives_.resize(size() * (2 + scores_));
     flight_sigma_t_.resize(asked() ? 1 : 0);
     for (const Parameter& parameter : request.derivatives) asked_.push_back(column_of(parameter));
   }
@@ -135,26 +133,26 @@ class Colours {
   }
 
   // `light(c)` arrives in colour c after this `length` in the medium, by which it is dimmed
-  // already; `score_slot(s)` is that of the whole path. Returns the luminance of what is collected.
-  template <typename LightIn, typename ScoreSlot>
+  // already. Returns the luminance of what is collected.
+  template <typename LightIn>
   HWY_INLINE Floats add(const SlotGather& at, Floats length, const LightIn& light,
-                        const ScoreSlot& score_slot) {
+                        const PathScores& scores) {
     Floats luminance = hn::Zero(FloatTag());
     for (size_t c = 0; c < size(); ++c) {
       const Floats likely_light = light(c) * at.get(likelihood_[c]);
       const Floats contribution = at.get(weight_[c]) * likely_light;
       at.add(contribution, radiance_[c]);
       luminance = mul_add(contribution, set(static_cast<float>(kLuminanceOfColours[c])), luminance);
-      FloatColumn* const derivatives = &derivatives_[c * (2 + slots_)];
+      FloatColumn* const derivatives = &derivatives_[c * (2 + scores_)];
       if (asks_for_medium_) {
         at.add(contribution * (at.get(score_[c]) - length), derivatives[0]);
         at.add(at.get(d_weight_[c]) * likely_light, derivatives[1]);
       }
-      for (size_t s = 0; s < slots_; ++s) {
-        at.add(contribution * score_slot(s), derivatives[2 + s]);
+      for (size_t s = 0; s < scores_; ++s) {
+        at.add(contribution * scores.of[s], derivatives[2 + s]);
       }
       if (edge_.empty()) continue;
-      at.add(at.get(edge_[c]) * likely_light, derivatives[2 + phase_slots_ + *index_slot_]);
+      at.add(at.get(edge_[c]) * likely_light, derivatives[2 + *index_score_]);
     }
     return luminance;
   }
@@ -163,7 +161,7 @@ class Colours {
     for (size_t c = 0; c < size(); ++c) {
       estimate.other_media[c] = radiance_[c][slot];
       for (size_t d = 0; d < asked_.size(); ++d) {
-        estimate.derivatives[d * size() + c] = derivatives_[c * (2 + slots_) + asked_[d]][slot];
+        estimate.derivatives[d * size() + c] = derivatives_[c * (2 + scores_) + asked_[d]][slot];
       }
     }
   }
@@ -178,7 +176,7 @@ class Colours {
       case Parameter::kAlbedo: return 1;
       case Parameter::kPhase: return 2 + slots_of<PhaseFunction>()[parameter.slot].number;
       case Parameter::kBoundary:
-        return 2 + phase_slots_ + slots_of<Boundary>()[parameter.slot].number;
+        return 2 + phase_scores_ + slots_of<Boundary>()[parameter.slot].number;
       default: return 0;
     }
   }
@@ -186,13 +184,12 @@ class Colours {
   const Scene::Compiled& scene_;
   const float least_sigma_t_;
   const bool asks_for_medium_;
-  const size_t slots_;
-  const std::optional<size_t> index_slot_;
-  const size_t phase_slots_;
+  const size_t scores_, phase_scores_;
+  const std::optional<size_t> index_score_;
   std::vector<Medium> media_;
   std::vector<size_t> asked_;  // columns of the request's derivatives
   // By colour: W, d W / d albedo, and what edges weigh beside W; the likelihood; the score in
-  // sigma_t; what is collected, and its derivatives in sigma_t, albedo and the slots, those of a
+  // sigma_t; what is collected, and its derivatives in sigma_t, albedo and by Scores, those of a
   // colour one after the other. And the sigma_t by which the path flies.
   FloatStates<1> weight_;
   FloatStates<> d_weight_, edge_;

@@ -44,6 +44,11 @@ struct LightParts {
   Floats of[kMaxDerivatives];
 };
 
+// The scores of whole paths: see Scores.
+struct PathScores {
+  Floats of[kMaxPhaseSlots + kMaxBoundarySlots];
+};
+
 // Light arrives along the paths in some slots; none where a lane is not meant.
 struct Light {
   SlotGather at;
@@ -51,6 +56,8 @@ struct Light {
   Floats contribution;  // what W brings
   Floats length;        // in the object's medium, in mm, since the last vertex
   const LightParts& parts;
+  const PathScores& scores;
+  Floats by_edges;  // what edges bring that the paths have followed; 0 where none are
 };
 
 // Writes what the path in a slot has collected: a column for each of the request's derivatives with

@@ -96,8 +96,7 @@ class Walk {
        WorkQueue& queue, FilmWriter& film)
       : wave_(scene, request, options, film),
         roulette_(scene, request, options.tuning),
-        source_(scene, request, options.switches, queue),
-        recorder_(request, wave_.paths, film) {}
+        source_(scene, request, options.switches, queue) {}
 
   void run(const std::stop_token& stop) {
     std::optional<NormalGradient>& normals = wave_.collected.normal_gradient;
@@ -128,10 +127,9 @@ class Walk {
   void finish() {
     std::optional<NormalGradient>& normals = wave_.collected.normal_gradient;
     for (size_t slot = wave_.count; slot-- > 0;) {
-      if (wave_.paths.alive[slot] != 0) continue;
-      wave_.collected.record(slot, wave_.paths.expected[slot], recorder_.read(slot));
-      recorder_.record(slot);
       const Paths& paths = wave_.paths;
+      if (paths.alive[slot] != 0) continue;
+      record(slot);
       if (normals && paths.leaked[slot] == 0) {
         normals->add_to_film(paths.pixel[slot], paths.sample[slot], slot, paths.radiance[slot]);
       }
@@ -141,10 +139,22 @@ class Walk {
     }
   }
 
+  // Adds what a path has collected to the film.
+  void record(size_t slot) {
+    const Paths& paths = wave_.paths;
+    const PathSample sample{paths.pixel[slot], paths.sample[slot], paths.expected[slot]};
+    estimate_.hit = paths.hit[slot] != 0;
+    estimate_.leaked = paths.leaked[slot] != 0;
+    estimate_.steps = paths.steps[slot];
+    estimate_.radiance = paths.radiance[slot];
+    wave_.collected.record(slot, sample.expected, estimate_);
+    wave_.film.add(sample, estimate_);
+  }
+
   Wavefront wave_;
   const WalkRoulette roulette_;
   PathSource source_;
-  PathRecorder recorder_;
+  PathEstimate estimate_;  // of the path that is recorded
 };
 
 void run_wavefront(const Scene::Compiled& scene, const RenderRequest& request,

@@ -93,9 +93,6 @@ class PathSource {
     for (UintColumn& medium : paths.medium) {
       medium[slot] = static_cast<uint32_t>(scene_.camera_medium);
     }
-    if (wave.index_slot) {
-      paths.score_slots[paths.control_phase.size() + *wave.index_slot][slot] = scene_.camera_score;
-    }
     paths.pixel[slot] = sample.pixel;
     paths.sample[slot] = sample.sample;
     paths.expected[slot] = sample.expected;

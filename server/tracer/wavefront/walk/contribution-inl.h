@@ -46,25 +46,19 @@ HWY_NOINLINE inline void find_parts(const Wavefront& wave, Vectors direction, Ui
 }
 
 // Light that arrives along paths, which weigh it, through a `length` in the object's medium since
-// their last vertex: `score_slot(s)` is that of the whole path. Of lanes where none arrives, it is
-// 0.
-template <typename ScoreSlot>
+// their last vertex. Of lanes where none arrives, it is 0.
 HWY_INLINE void add_contribution(Wavefront& wave, SlotGather at, Floats light, Floats length,
-                                 const LightParts& parts, const ScoreSlot& score_slot) {
+                                 const LightParts& parts, const PathScores& scores) {
   Paths& paths = wave.paths;
   const Floats weight = at.get(paths.weight);
   const Floats contribution = weight * light;
   at.add(contribution, paths.radiance);
-  for (size_t s = 0; s < paths.d_slots.size(); ++s) {
-    at.add(contribution * score_slot(s), paths.d_slots[s]);
+  Floats by_edges = hn::Zero(FloatTag());
+  for (const FloatColumn& edge : paths.edge_weight) by_edges = at.get(edge) * light;
+  if (wave.collected.normal_gradient) {
+    at.add(by_edges, wave.collected.normal_gradient->edge_radiance());
   }
-  for (const FloatColumn& edge : paths.edge_weight) {
-    at.add(at.get(edge) * light,
-           wave.collected.normal_gradient
-               ? wave.collected.normal_gradient->edge_radiance()
-               : paths.d_slots[paths.control_phase.size() + *wave.index_slot]);
-  }
-  wave.collected.on_light({at, light, contribution, length, parts});
+  wave.collected.on_light({at, light, contribution, length, parts, scores, by_edges});
 }
 
 // The same, for the gradient in normals: `light` reaches the pixels of the paths in `slots` by the
@@ -121,15 +115,16 @@ inline void add_emission(Wavefront& wave, Ints slots, Mask live) {
   if (wave.part_count > 0) {
     find_parts(wave, direction, lamp_seen(wave.scene.lights, from, direction), parts);
   }
-  const auto score_slot = [&](size_t s) { return at.get(paths.score_slots[s]); };
+  const Scores& of_paths = wave.collected.scores;
+  PathScores scores;
+  for (size_t s = 0; s < of_paths.count(); ++s) scores.of[s] = at.get(of_paths.of_path(s));
   if (wave.collected.colours.asked()) {
-    at.add(
-        wave.collected.colours.add(
-            at, hn::Zero(FloatTag()), [&](size_t c) { return arriving * parts.of[c]; }, score_slot),
-        wave.paths.radiance);
+    at.add(wave.collected.colours.add(
+               at, hn::Zero(FloatTag()), [&](size_t c) { return arriving * parts.of[c]; }, scores),
+           wave.paths.radiance);
     return;
   }
-  add_contribution(wave, at, arriving, hn::Zero(FloatTag()), parts, score_slot);
+  add_contribution(wave, at, arriving, hn::Zero(FloatTag()), parts, scores);
   if (wave.collected.map_gradient.asked()) {
     wave.collected.map_gradient.add(paths.pixel, paths.sample, direction,
                                     live & hn::Eq(distance, set(kInfinity)),

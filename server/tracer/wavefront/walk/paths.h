@@ -7,9 +7,7 @@
 #include <vector>
 
 #include "server/tracer/collected/state_columns.h"
-#include "server/tracer/film/film_writer.h"
 #include "server/tracer/geometry/rays.h"
-#include "server/tracer/request/request.h"
 #include "server/tracer/simd/columns.h"
 
 namespace itn::tracer {
@@ -40,9 +38,6 @@ struct PathState {
   // The weight W, and what was collected so far.
   FloatState<1> weight{};
   FloatState<> radiance{};
-  // The scores in the slots of the phase function, and behind them in those of the boundary; what
-  // is collected; and control variates for the phase function's.
-  FloatStates<> score_slots{}, d_slots{}, control_phase{};
 
   // For derivatives in the boundary's index or normals: W times what edges weigh that the path has
   // followed, which make W 0 (BoundaryEdge).
@@ -52,7 +47,7 @@ struct PathState {
   auto columns() {
     return std::tie(pixel, sample, expected, first_flight, vertex, alive, hit, leaked, steps,
                     delta_bounce, crossings, pdf, medium, scattered_at, scattered_pdf, odds, weight,
-                    radiance, score_slots, d_slots, control_phase, edge_weight);
+                    radiance, edge_weight);
   }
   // Columns that a factor of the path's weight multiplies.
   auto weights() { return std::tie(weight, edge_weight); }
@@ -95,7 +90,7 @@ struct ShadowRays {
   // Light that would arrive undimmed, scattered and weighted: without the path's weight, and with
   // the importance of the path.
   FloatColumn light{}, importance{};
-  std::vector<FloatColumn> score_slots;   // of the path, with that of the turn to the light
+  std::vector<FloatColumn> scores;        // of the path, with that of the turn to the light
   UintColumn source{};                    // of `light`, if parts of it count: see LightParts
   std::vector<FloatColumn> per_radiance;  // `light` by radiance, for a gradient in a panorama
   FloatColumn length_before{};            // in the medium, of those that come through the boundary
@@ -117,7 +112,7 @@ struct RefractedRays {
   FloatColumn radiance{}, light_pdf{};
   FloatColumn choice{}, u0{}, u1{};
   // Scores of the path, with that of the direction, unless it is a search for a facet.
-  std::vector<FloatColumn> score_slots;
+  std::vector<FloatColumn> scores;
   UintColumn source{};  // of the light, as of ShadowRays
   // Columns of searches for a facet: where they begin, in which direction the path came there, the
   // lamp that they are sent to (lamp_drawn), and how far the ray may go that is aimed at what they
@@ -141,31 +136,6 @@ struct OddsRays {
   // ray that is sent from there.
   UintColumn shadow_ray{};
   size_t count = 0;
-};
-
-// How paths that have ended get onto the film.
-class PathRecorder {
- public:
-  // `paths` has the columns that the request needs.
-  PathRecorder(const RenderRequest& request, const Paths& paths, FilmWriter& film);
-
-  // The estimate of the path in a slot, but for what kinds of Collected have of it.
-  PathEstimate& read(size_t slot);
-  // Adds the estimate that was read last, of this slot, to the film.
-  void record(size_t slot);
-
- private:
-  // The column where a derivative is collected, and its control variate, if it has one.
-  struct DerivativeColumns {
-    size_t number;  // of the derivative in the request
-    const FloatColumn* collected;
-    const FloatColumn* control_variate = nullptr;
-  };
-
-  const Paths& paths_;
-  FilmWriter& film_;
-  PathEstimate estimate_;  // of the path that is recorded
-  std::vector<DerivativeColumns> derivatives_;
 };
 
 }  // namespace itn::tracer

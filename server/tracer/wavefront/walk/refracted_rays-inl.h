@@ -358,10 +358,11 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
       append(drawn.uniforms.u1, sent.u1);
     }
   }
-  const size_t phase_slots = wave.searches_facets ? 0 : paths.control_phase.size();
-  for (size_t s = 0; s < sent.score_slots.size(); ++s) {
-    const Floats score = load(paths.score_slots[s], i);
-    append(s < phase_slots ? score + phase.scores[s] : score, sent.score_slots[s]);
+  const Scores& scores = wave.collected.scores;
+  const size_t of_phase = wave.searches_facets ? 0 : scores.phase_count();
+  for (size_t s = 0; s < sent.scores.size(); ++s) {
+    const Floats score = load(scores.of_path(s), i);
+    append(s < of_phase ? score + phase.scores[s] : score, sent.scores[s]);
   }
   sent.count += hn::CountTrue(d, where);
 }
@@ -454,7 +455,7 @@ inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Uints me
                         : exit_of_rough(wave, sent, i, medium, at, arriving);
   where &= (dot(flat_normal, exit.to_light) > 0) & (exit.per_radiance > 0);
   const Mask from_far = (load(sent.light_pdf, i) > 0) & hn::Eq(exit.distance, set(kInfinity));
-  const size_t phase_slots = wave.paths.control_phase.size();
+  const size_t of_phase = wave.collected.scores.phase_count();
   add_shadow_rays(wave, where,
                   {.position = load(sent.rays.position, i),
                    .direction = exit.to_light,
@@ -470,8 +471,8 @@ inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Uints me
                    .normal_score = exit.normal_score,
                    .triangle = load(wave.crossings.triangle, i)},
                   [&](size_t s) {
-                    const Floats score = load(sent.score_slots[s], i);
-                    return s < phase_slots ? score : score + exit.scores[s - phase_slots];
+                    const Floats score = load(sent.scores[s], i);
+                    return s < of_phase ? score : score + exit.scores[s - of_phase];
                   });
 }
 
@@ -592,10 +593,10 @@ inline void add_aimed(Wavefront& wave, size_t i, Uints medium, Mask where, const
     for_each_light_column(sent, again,
                           [&](const auto& from, auto& to) { append(load(from, i), to); });
   }
-  for (size_t s = 0; s < sent.score_slots.size(); ++s) {
-    const bool of_phase = s < wave.paths.control_phase.size();
-    const Floats score = load(sent.score_slots[s], i);
-    append(of_phase ? score + phase.scores[s] : score, again.score_slots[s]);
+  const size_t of_phase = wave.collected.scores.phase_count();
+  for (size_t s = 0; s < sent.scores.size(); ++s) {
+    const Floats score = load(sent.scores[s], i);
+    append(s < of_phase ? score + phase.scores[s] : score, again.scores[s]);
   }
   again.count += hn::CountTrue(FloatTag(), where);
 }
@@ -648,7 +649,7 @@ inline void keep_searching(Wavefront& wave, SentRays& sent, size_t i, Mask where
   if constexpr (requires { sent.limit; }) {
     for (auto* column : {&sent.limit, &sent.importance, &sent.light_pdf}) keep(*column);
     keep(sent.before);
-    for (FloatColumn& score : sent.score_slots) keep(score);
+    for (FloatColumn& score : sent.scores) keep(score);
     if (!wave.boundary_is_delta) {
       for_each_light_column(sent, sent,
                             [&](const auto& from, auto& to) { append(load(from, i), to); });

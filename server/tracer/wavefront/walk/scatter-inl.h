@@ -153,11 +153,7 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
   direction = if_then_else(where, next.direction, direction);
   pdf = hn::IfThenElse(where, next.pdf, pdf);
   store(hn::IfThenElse(where, next.weight, set(1.0F)), paths.crossing_weight, i);
-  const size_t phase_slots = paths.control_phase.size();
-  for (size_t s = phase_slots; s < paths.score_slots.size(); ++s) {
-    const Floats score = hn::IfThenElseZero(where, next.scores[s - phase_slots]);
-    store(load(paths.score_slots[s], i) + score, paths.score_slots[s], i);
-  }
+  wave.collected.scores.on_crossing(i, where, next);
   if (wave.refracts_shadow_rays) {
     // For light that the walk meets next.
     if (wave.boundary_is_delta) {
@@ -206,13 +202,7 @@ HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vert
     const auto ends = for_uints(hn::AndNot(above, vertices.on_surface));
     store(hn::IfThenZeroElse(ends, load(paths.alive, i)), paths.alive, i);
   }
-  // A control variate, as that of MediumDerivatives.
-  for (size_t s = 0; s < paths.control_phase.size(); ++s) {
-    const Floats score = hn::IfThenElseZero(vertices.in_medium, phase.scores[s]);
-    FloatColumn &sum = paths.score_slots[s], &control = paths.control_phase[s];
-    store(load(sum, i) + score, sum, i);
-    store(mul_add(score, load(paths.weight, i), load(control, i)), control, i);
-  }
+  wave.collected.scores.on_scattering(i, vertices.in_medium, phase, load(paths.weight, i));
   const auto where = for_uints(vertices.where());
   store(hn::IfThenZeroElse(where, load(paths.delta_bounce, i)), paths.delta_bounce, i);
   if (wave.stops_at_boundary) cross(wave, i, vertices, direction, pdf);

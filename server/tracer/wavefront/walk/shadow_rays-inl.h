@@ -59,7 +59,7 @@ inline void send_mirrored_rays(Wavefront& wave, size_t i, const Vertices& vertic
                    .distance = distance,
                    .max_medium_length = zero,
                    .length_before = zero},
-                  [&](size_t s) { return load(wave.paths.score_slots[s], i); });
+                  [&](size_t s) { return load(wave.collected.scores.of_path(s), i); });
 }
 
 // Light that comes from a direction: the part of its radiance, by steradian, that paths carry on.
@@ -166,7 +166,8 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
                    light_pdf / pdf_sum, Append{sent, wave.shadow_rays.count}.numbers());
   }
   const Uints interaction = load(paths.rays.interaction, i);
-  const size_t phase_slots = paths.control_phase.size();
+  const Scores& scores = wave.collected.scores;
+  const size_t of_phase = scores.phase_count();
   add_shadow_rays(wave, sent,
                   {.position = position,
                    .direction = light.direction,
@@ -182,10 +183,10 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
                    .normal_score = turn.normal_score,
                    .triangle = load(wave.crossings.triangle, i)},
                   [&](size_t s) {
-                    const Floats score = s < phase_slots ? hn::IfThenElseZero(vertices.in_medium,
-                                                                              turn.phase.scores[s])
-                                                         : turn.boundary_scores[s - phase_slots];
-                    return load(paths.score_slots[s], i) + score;
+                    const Floats score =
+                        s < of_phase ? hn::IfThenElseZero(vertices.in_medium, turn.phase.scores[s])
+                                     : turn.boundary_scores[s - of_phase];
+                    return load(scores.of_path(s), i) + score;
                   });
 }
 
@@ -212,7 +213,9 @@ inline void add_arriving(Wavefront& wave, Ints numbers, Mask live) {
   };
   LightParts parts;
   if (wave.part_count > 0) find_parts(wave, direction(), ray.get(shadow_rays.source), parts);
-  const auto score_slot = [&](size_t s) { return ray.get(shadow_rays.score_slots[s]); };
+  PathScores scores;
+  for (size_t s = 0; s < shadow_rays.scores.size(); ++s)
+    scores.of[s] = ray.get(shadow_rays.scores[s]);
   if (wave.collected.colours.asked()) {
     const Floats undimmed = ray.get(shadow_rays.light) / survival;
     at.add(wave.collected.colours.add(
@@ -221,12 +224,12 @@ inline void add_arriving(Wavefront& wave, Ints numbers, Mask live) {
                  const Floats in_colour = exp(length * (-wave.collected.colours.sigma_t(c)));
                  return hn::IfThenElseZero(live, undimmed * parts.of[c] * in_colour);
                },
-               score_slot),
+               scores),
            wave.paths.radiance);
     return;
   }
   const Floats light = arriving(shadow_rays.light);
-  add_contribution(wave, at, light, of_object(wave.media, medium, length), parts, score_slot);
+  add_contribution(wave, at, light, of_object(wave.media, medium, length), parts, scores);
   if (wave.collected.map_gradient.asked()) {
     wave.collected.map_gradient.add(paths.pixel, paths.sample, direction(), live,
                                     at.get(paths.weight) * arriving(shadow_rays.per_radiance[0]),

@@ -27,11 +27,6 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-inline bool asks_for_boundary(const RenderRequest& request) {
-  return std::any_of(request.derivatives.begin(), request.derivatives.end(),
-                     [](const Parameter& p) { return p.kind == Parameter::kBoundary; });
-}
-
 struct Wavefront {
   Wavefront(const Scene::Compiled& compiled, const RenderRequest& asked,
             const RenderOptions& options, FilmWriter& to)
@@ -49,13 +44,9 @@ struct Wavefront {
                              options.switches.techniques != Switches::Techniques::kPhaseOnly),
         searches_facets(refracts_shadow_rays && !compiled.obstacles.facets.by_triangle.empty()),
         mirrors_shadow_rays(boundary_is_delta && refracts_shadow_rays),
-        index_slot(differentiated_index(asked, compiled.boundary)),
-        boundary_derivatives{index_slot.has_value(), asked.gradient_normals} {
+        boundary_derivatives{collected.scores.index_score().has_value(), asked.gradient_normals} {
     shadow_rays.per_radiance.resize(asked.gradient_light ? 1 : 0);
-    paths.control_phase.resize(phase_slots);
-    paths.score_slots.resize(slots);
-    paths.d_slots.resize(slots);
-    shadow_rays.score_slots.resize(slots);
+    shadow_rays.scores.resize(collected.scores.count());
     part_count = std::max(collected.colours.size(), collected.light_scales.lights().size());
     paths.medium.resize(media.several ? 1 : 0);
     paths.edge_weight.resize(boundary_derivatives.any() ? 1 : 0);
@@ -67,7 +58,7 @@ struct Wavefront {
       paths.scattered_pdf.resize(1);
       paths.odds.resize(1);
       for (RefractedRays* rays : {&refracted_rays, &aimed_again}) {
-        rays->score_slots.resize(slots);
+        rays->scores.resize(collected.scores.count());
       }
     }
   }
@@ -112,16 +103,13 @@ struct Wavefront {
   size_t part_count = 0;             // of light: see LightParts
 
   Paths paths;
-  const size_t phase_slots = asks_for_medium(request) ? slot_count(media.object().phase) : 0;
-  const size_t slots = phase_slots + (asks_for_boundary(request) ? slot_count(scene.boundary) : 0);
-  Collected collected{scene, request, slots, phase_slots, film};
+  Collected collected{scene, request, film};
   size_t count = 0;  // of paths under way, in slots 0 .. count - 1
   ShadowRays shadow_rays;
   // Whether lines stop at the boundary, and then where those that were followed last did.
   const bool stops_at_boundary;
   const bool boundary_is_delta, refracts_shadow_rays;
   const bool searches_facets, mirrors_shadow_rays;  // if they are refracted
-  const std::optional<size_t> index_slot;           // of the boundary, for a derivative
   const BoundaryDerivatives boundary_derivatives;
   RefractedRays refracted_rays, aimed_again;
   OddsRays odds_rays, shadow_odds;
@@ -163,7 +151,7 @@ struct SentShadowRays {
   Uints triangle = hn::Zero(UintTag());
 };
 
-// Adds them, where there are any; `score(s)` is that of their path in a slot.
+// Adds them, where there are any; `score(s)` is a score of their whole path.
 template <typename Score>
 HWY_INLINE void add_shadow_rays(Wavefront& wave, Mask where, const SentShadowRays& sent,
                                 const Score& score) {
@@ -183,7 +171,7 @@ HWY_INLINE void add_shadow_rays(Wavefront& wave, Mask where, const SentShadowRay
     append(sent.normal_score, to.normal_score);
     append(sent.triangle, to.triangle);
   }
-  for (size_t s = 0; s < to.score_slots.size(); ++s) append(score(s), to.score_slots[s]);
+  for (size_t s = 0; s < to.scores.size(); ++s) append(score(s), to.scores[s]);
   append(sent.slot, to.slot);
   to.count += hn::CountTrue(FloatTag(), where);
 }
