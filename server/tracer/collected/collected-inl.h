@@ -32,6 +32,7 @@
 #include "server/tracer/collected/medium-inl.h"
 #include "server/tracer/collected/normal_gradient.h"
 #include "server/tracer/collected/reflectances-inl.h"
+#include "server/tracer/collected/scattering_orders-inl.h"
 #include "server/tracer/collected/scores-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -45,6 +46,7 @@ struct Collected {
         colours(scene, request, scores),
         reflectances(scene, request),
         light_scales(request),
+        scattering_orders(request),
         light_places(scene, request),
         map_gradient(scene, request, film) {
     if (request.gradient_normals) normal_gradient.emplace(scene, film);
@@ -56,6 +58,7 @@ struct Collected {
   Colours colours;
   Reflectances reflectances;
   LightScales light_scales;
+  ScatteringOrders scattering_orders;
   LightPlaces light_places;
   MapGradient map_gradient;
   std::optional<NormalGradient> normal_gradient;
@@ -69,6 +72,7 @@ struct Collected {
     visit(all.colours);
     visit(all.reflectances);
     visit(all.light_scales);
+    visit(all.scattering_orders);
     visit(all.light_places);
     if (all.normal_gradient) visit(*all.normal_gradient);
   }

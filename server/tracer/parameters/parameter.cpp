@@ -62,6 +62,7 @@ std::string name_of(const Parameter& parameter) {
       return fmt::format("light[{}].{}", parameter.index,
                          slots_of<LightDescription>().at(parameter.slot).name);
     case Parameter::kLightScale: return fmt::format("light[{}].scale", parameter.index);
+    case Parameter::kScattered: return fmt::format("scattered[{}].scale", parameter.index);
   }
   throw Error(ErrorKind::kInternal, "a parameter of no kind");
 }
@@ -73,6 +74,7 @@ std::vector<std::string> parameter_names() {
   for (const Slot& slot : slots_of<Reflectance>()) names.push_back("surface[K]." + slot.name);
   names.emplace_back("light[K].scale");
   for (const Slot& slot : slots_of<LightDescription>()) names.push_back("light[K]." + slot.name);
+  names.emplace_back("scattered[K].scale");
   return names;
 }
 
@@ -94,6 +96,7 @@ Parameter parameter_named(std::string_view name) {
     return {Parameter::kLightPlace, index, *slot};
   }
   if (read_indexed(name, "light[", "scale", index)) return {Parameter::kLightScale, index};
+  if (read_indexed(name, "scattered[", "scale", index)) return {Parameter::kScattered, index};
   throw invalid_input(fmt::format("{} is not a parameter; there are {}, K counting from 0", name,
                                   fmt::join(parameter_names(), ", ")));
 }

@@ -19,8 +19,11 @@ struct Parameter {
     // the part of the radiance that comes from this light.
     kLightScale,
     kLightPlace,  // a slot of lights[index]: where it is, or in which direction
+    // A factor on all light that the object's medium has scattered `index` times, which is 1: the
+    // derivative is that part of the radiance.
+    kScattered,
   } kind = kSigmaT;
-  uint32_t index = 0;  // of the surface or light; 0 for the medium
+  uint32_t index = 0;  // of the surface or light, or how often it was scattered; else 0
   uint32_t slot = 0;   // in slots_of<> the kinds of what the parameter is of; else 0
 
   bool operator==(const Parameter&) const = default;
@@ -33,7 +36,7 @@ const std::vector<Parameter>& medium_parameters();
 
 // "sigma_t", "albedo", "g", "two_term.weight", "rough_dielectric.index",
 // "surface[0].reflectance", "surface[0].checkerboard.even", "light[1].scale",
-// "light[1].sphere.center.x".
+// "light[1].sphere.center.x", "scattered[0].scale".
 std::string name_of(const Parameter& parameter);
 
 // All names, with K for any number.

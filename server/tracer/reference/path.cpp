@@ -143,7 +143,10 @@ class Walk {
       ++result_.steps;
       if (of_object_) score_sigma_t_ -= ray.medium_length;
     }
-    if (of_object_ && ray.end == RayResult::End::kInMedium) score_sigma_t_ += 1 / sigma_t_;
+    if (of_object_ && ray.end == RayResult::End::kInMedium) {
+      score_sigma_t_ += 1 / sigma_t_;
+      ++scatterings_;
+    }
     if (vertex_ == 1) result_.hit = ray.entered;
     return ray;
   }
@@ -367,6 +370,9 @@ class Walk {
         case Parameter::kLightScale:
           derivative += double{weight_} * double{part_of(request_.derivatives[i].index)};
           break;
+        case Parameter::kScattered:
+          if (scatterings_ == request_.derivatives[i].index) derivative += contribution;
+          break;
       }
     }
   }
@@ -412,8 +418,9 @@ class Walk {
   // Whether shadow rays look for the light ahead too: not on the camera's ray, nor behind a
   // boundary that is a delta.
   bool use_mis_ = false;
-  uint32_t crossings_ = 0;  // of such a boundary, in a row
-  float pdf_ = 0;           // per steradian, with which direction_ was drawn
+  uint32_t crossings_ = 0;    // of such a boundary, in a row
+  uint32_t scatterings_ = 0;  // in the object's medium, so far
+  float pdf_ = 0;             // per steradian, with which direction_ was drawn
   float weight_ = 1;
   float dweight_dalbedo_ = 0;  // d weight / d albedo
   float edge_weight_ = 0;      // weight times what edges weigh that were followed

@@ -42,6 +42,7 @@ void use_number(Description& scene, const Parameter& parameter, const Use& use) 
     case Parameter::kLightPlace:
       return use_in(entry_of(scene.lights, parameter, "lights"),
                     fmt::format("lights[{}]", parameter.index), "another");
+    case Parameter::kScattered: throw absent(parameter, "it is a part of the radiance");
     default: throw absent(parameter, "it is of the medium");
   }
 }

@@ -24,6 +24,7 @@ TEST(ParameterTest, NamesAreReadAsTheyArePrinted) {
   EXPECT_EQ(name_of({Parameter::kReflectance, 2}), "surface[2].reflectance");
   EXPECT_EQ(name_of({Parameter::kReflectance, 2, 1}), "surface[2].checkerboard.even");
   EXPECT_EQ(name_of({Parameter::kLightScale, 0}), "light[0].scale");
+  EXPECT_EQ(name_of(parameter_named("scattered[12].scale")), "scattered[12].scale");
   EXPECT_EQ(name_of({Parameter::kLightPlace, 3, 1}), "light[3].directional.direction.y");
   EXPECT_EQ(name_of(parameter_named("light[1].panel.center.z")), "light[1].panel.center.z");
   EXPECT_EQ(parameter_named("two_term.weight"), (Parameter{Parameter::kPhase, 0, 3}));
@@ -34,7 +35,7 @@ TEST(ParameterTest, RefusesOtherNames) {
        {"", "sigma", "SIGMA_T", "surface", "surface[].reflectance", "surface[-1].reflectance",
         "surface[+1].reflectance", "surface[01].reflectance", "surface[1 ].reflectance",
         "surface[4294967296].reflectance", "surface[0].scale", "light[0].reflectance",
-        "light[0].scale ", "light[0]"}) {
+        "light[0].scale ", "light[0]", "scattered[01].scale", "scattered[0]"}) {
     try {
       parameter_named(name);
       ADD_FAILURE() << name;

@@ -15,9 +15,7 @@ using namespace tracer;
 // Some columns of every list whose length depends on the request.
 std::unique_ptr<Paths> some_paths() {
   auto paths = std::make_unique<Paths>();
-  paths->score_slots.resize(1);
-  paths->d_slots.resize(1);
-  paths->control_phase.resize(1);
+  paths->scattered_at.resize(3);
   paths->edge_weight.resize(2);
   return paths;
 }

@@ -266,6 +266,9 @@ RandomScene random_scene(uint64_t number) {
     result.request.phase = phase;
     result.request.derivatives.pop_back();
   }
+  for (const uint32_t times : {0U, 1U}) {
+    result.request.derivatives.push_back({Parameter::kScattered, times});
+  }
   result.request.material.albedo = std::max(result.request.material.albedo, 1e-3);
   const Material& m = result.request.material;
   result.what += fmt::format(" sigma_t {:.3g} albedo {:.4g} g {:.2g}", m.sigma_t, m.albedo, m.g);
