@@ -52,6 +52,7 @@
 #include "server/tracer/wavefront/walk/flight-inl.h"
 #include "server/tracer/wavefront/walk/outline_rays-inl.h"
 #include "server/tracer/wavefront/walk/refracted_rays-inl.h"
+#include "server/tracer/wavefront/walk/refraction_odds-inl.h"
 #include "server/tracer/wavefront/walk/roulette-inl.h"
 #include "server/tracer/wavefront/walk/scatter-inl.h"
 #include "server/tracer/wavefront/walk/shadow_rays-inl.h"

@@ -100,7 +100,8 @@ struct ShadowRays {
   size_t count = 0;
 };
 
-// Shadow rays on their way to the boundary (refracted_rays-inl.h).
+// Shadow rays on their way to the boundary (refracted_rays-inl.h), and rays that search for a facet
+// of it.
 struct RefractedRays {
   Rays rays;
   UintColumn slot{};         // of the path
@@ -114,26 +115,30 @@ struct RefractedRays {
   // Scores of the path, with that of the direction, unless it is a search for a facet.
   std::vector<FloatColumn> scores;
   UintColumn source{};  // of the light, as of ShadowRays
-  // Columns of searches for a facet: where they begin, in which direction the path came there, the
-  // lamp that they are sent to (lamp_drawn), and how far the ray may go that is aimed at what they
-  // find, in mm. Of rays that are aimed again: the facet that they are aimed at.
-  VectorColumn origin, before;
-  UintColumn lamp{}, facet{};
+  // Columns of searches for a facet: where they begin, in which direction the path came there, what
+  // they are for (Target::place and Target::lamp), and how far the ray may go that is aimed at what
+  // they find, in mm.
+  VectorColumn origin, before, target;
+  UintColumn lamp{};
   FloatColumn limit{};
+  UintColumn facet{};  // that rays are aimed at which were aimed again
   size_t count = 0;
 };
 
 // Rays that find out whether a refracted one would have gone where a walk did.
 struct OddsRays {
   Rays rays;
-  UintColumn slot{};   // of the path
-  FloatColumn odds{};  // if one would have
-  // Columns like those of RefractedRays; `facet` is that where it left the medium, and `left`
-  // where.
-  VectorColumn origin, to_light, left;
-  UintColumn lamp{}, facet{};
-  // Or, where the boundary is nearly smooth, the direction in which that was left, and the shadow
-  // ray that is sent from there.
+  UintColumn slot{};            // of the path
+  FloatColumn odds{};           // if one would have
+  VectorColumn origin, target;  // these and `lamp` are like those of RefractedRays
+  UintColumn lamp{};
+  // Where the boundary is smooth: by which facet the walk left the medium, and where, from
+  // `origin`.
+  UintColumn facet{};
+  VectorColumn exit_place;
+  // Where it is nearly smooth: in which direction it came there, and the shadow ray that is sent
+  // from there.
+  VectorColumn exit_direction;
   UintColumn shadow_ray{};
   size_t count = 0;
 };

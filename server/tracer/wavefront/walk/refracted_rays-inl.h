@@ -8,11 +8,7 @@
 
 #include <cstddef>
 
-#include "server/tracer/geometry/depth_grid-inl.h"
-#include "server/tracer/lights/lights-inl.h"
-#include "server/tracer/phase/henyey_greenstein.h"
-#include "server/tracer/wavefront/walk/aim-inl.h"
-#include "server/tracer/wavefront/walk/state-inl.h"
+#include "server/tracer/wavefront/walk/facet_search-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
@@ -56,230 +52,6 @@ namespace itn::tracer::HWY_NAMESPACE {
 // seen.
 //
 // After Hanika, Droske, Fascione, "Manifold next event estimation", EGSR 2015, who look for y.
-
-// The normal of the boundary where it is nearest to points of the medium.
-HWY_INLINE Vectors normal_near(const Wavefront& wave, Vectors x) {
-  const Obstacles& obstacles = wave.scene.obstacles;
-  return cell_normal(obstacles.cell_normals, cells_at(obstacles.depth_grid.cells, x));
-}
-HWY_INLINE Floats index_of(const Media& media, Uints medium) {
-  return by_medium(media, medium, [](const Medium& of) { return set(of.refraction.index); });
-}
-// The plane of the boundary where it is nearest to what lies as far ahead as it is deep there.
-HWY_INLINE Plane plane_ahead(const Wavefront& wave, Uints medium, Vectors x, Vectors direction) {
-  const DepthGrid& depth_grid = wave.scene.obstacles.depth_grid;
-  const Floats depth = quantized_depth(depth_grid, cells_at(depth_grid.cells, x));
-  const auto third = static_cast<float>(depth_grid.cells.edge / 3);
-  return {normal_near(wave, x + direction * (depth * third)), index_of(wave.media, medium)};
-}
-
-// The aim of the first ray from x for light in a direction `outer`.
-HWY_INLINE Aim first_aim(const Wavefront& wave, Uints medium, Vectors x, Vectors outer) {
-  return aim_at(wave.boundary_is_delta ? Plane{normal_near(wave, x), index_of(wave.media, medium)}
-                                       : plane_ahead(wave, medium, x, outer),
-                outer);
-}
-
-// The random numbers of refracted rays from the vertices of paths in any slots.
-HWY_INLINE Words refraction_words(const Wavefront& wave, Ints slots) {
-  const Paths& paths = wave.paths;
-  return philox(gather(paths.vertex, slots), set(uint32_t{Sampler::kRefraction}),
-                gather(paths.sample, slots), gather(paths.pixel, slots), wave.request.seed);
-}
-
-// What such rays are for, with `lamp` the one that the light is of, or 0; `distance` is that of
-// what is no lamp.
-HWY_INLINE Target target_at(const Lights& lights, Vectors x, Vectors outer, Uints lamp,
-                            Floats distance) {
-  LampMiddle middle{};
-  if (lights.has_lamps()) {
-    middle = seen_middle(lights, lamp, x);
-    distance = hn::IfThenElse(not_zero(lamp), way_to_plane(middle, set(Vec3f{}), outer), distance);
-  }
-  const Mask is_point = distance < kInfinity;
-  const Uints number = hn::IfThenElse(hn::Eq(lamp, hn::Zero(UintTag())), set(kPointLight), lamp);
-  return {if_then_else(is_point, outer * distance, outer),
-          hn::IfThenElseZero(for_uints(is_point), number), is_point, middle};
-}
-HWY_INLINE Target target_drawn(const Lights& lights, Vectors x, Uints lamp,
-                               const LightSamples& light) {
-  return target_at(lights, x, light.direction, lamp,
-                   hn::IfThenElse(light.dense(), set(kInfinity), light.distance));
-}
-// From their columns. A lobe asks no density of the plane of a lamp.
-template <typename SentRays>
-HWY_INLINE Target target_of(const Wavefront& wave, const SentRays& sent, size_t i) {
-  const Uints lamp = load(sent.lamp, i);
-  const Vectors place = load(sent.to_light, i);
-  LampMiddle middle{};
-  if (!wave.boundary_is_delta) {
-    middle = {hn::Sqrt(dot(place, place)), normalize(place)};
-  } else if (wave.scene.lights.has_lamps()) {
-    middle = seen_middle(wave.scene.lights, lamp, load(sent.origin, i));
-  }
-  return {place, lamp, not_zero(lamp), middle};
-}
-
-// How rays were sent first that have searched in vain.
-template <typename SentRays>
-HWY_INLINE Aim first_aim_of(const Wavefront& wave, const SentRays& sent, size_t i, Uints medium,
-                            Mask where) {
-  const Vectors x = if_then_else(where, load(sent.origin, i), set(Vec3f{}));
-  return first_aim(wave, medium, x, target_of(wave, sent, i).direction());
-}
-
-HWY_INLINE Vectors scattered_at(const Paths& paths, size_t i) {
-  const auto& at = paths.scattered_at;
-  return {load(at[0], i), load(at[1], i), load(at[2], i)};
-}
-
-// The part of light that arrives when it goes so far in a medium.
-HWY_INLINE Floats part_arriving(const Wavefront& wave, Uints medium, Floats length) {
-  return exp(-(length * sigma_t_of(wave.media, medium)));
-}
-
-// The density of the lobe around a direction.
-HWY_INLINE Floats lobe_pdf(const Wavefront& wave, Uints medium, Vectors axis, Vectors direction) {
-  const Vectors off = direction - axis;
-  return by_medium(wave.media, medium,
-                   [&](const Medium& of) { return density(of.refraction.lobe, dot(off, off)); });
-}
-HWY_INLINE Vectors draw_in_lobe(const Wavefront& wave, Uints medium, Vectors axis,
-                                const Words& words) {
-  const Floats u = uniform(words.w[1]);
-  const Floats t = by_medium(wave.media, medium,
-                             [&](const Medium& of) { return sample_lobe(of.refraction.lobe, u); });
-  const Floats cosine = 1 - 0.5F * t;
-  const Floats sine2 = t * (1 - 0.25F * t);
-  const Floats sine = hn::Sqrt(hn::Max(hn::Zero(FloatTag()), sine2));
-  const SinCos phi = sin_cos_2pi(uniform(words.w[2]));
-  return renormalize(frame_to_world(axis, sine * phi.cos, sine * phi.sin, cosine));
-}
-
-// How far rays go that search for a facet, in mm. The roulette does not shorten them: it judges the
-// ray that is aimed at what they find, which may be much shorter.
-HWY_INLINE Floats longest_search(const Wavefront& wave, Uints medium) {
-  return by_medium(wave.media, medium,
-                   [](const Medium& of) { return set(kMaxOpticalDepth / of.sigma_t); });
-}
-// A distance from x within which there is no boundary, in mm: that of the depth grid, as short as
-// its cells and its steps may make it.
-HWY_INLINE Floats least_depth(const Wavefront& wave, Vectors x) {
-  constexpr float kLongestStep = 1.1F, kMiddles = 1.74F;  // two half diagonals of a cell
-  const DepthGrid& depth_grid = wave.scene.obstacles.depth_grid;
-  const Floats thirds = quantized_depth(depth_grid, cells_at(depth_grid.cells, x));
-  const auto edge = static_cast<float>(depth_grid.cells.edge);
-  return mul_add(thirds, set(edge / (3 * kLongestStep)), set(-kMiddles * edge));
-}
-
-// One over the density with which the walk went from where it scattered to a rough boundary, for
-// paths in slots i, i + 1 ...; 0 for others.
-HWY_INLINE Floats per_arrival(const Wavefront& wave, size_t i, Uints medium) {
-  const Floats zero = hn::Zero(FloatTag()), walk_pdf = load(wave.paths.scattered_pdf[0], i);
-  const Mask scattered = walk_pdf > 0;
-  if (hn::AllFalse(FloatTag(), scattered)) return zero;
-  const Floats arriving = part_arriving(wave, medium, load(wave.paths.rays.medium_length, i));
-  return hn::IfThenElseZero(scattered, 1 / (walk_pdf * arriving));
-}
-// The odds there for light in the direction `to_light`, as it is seen from where they scattered.
-HWY_INLINE Floats refraction_odds(const Wavefront& wave, size_t i, Uints medium, Vectors to_light) {
-  const Floats per = per_arrival(wave, i, medium);
-  if (hn::AllFalse(FloatTag(), per > 0)) return per;
-  const Aim aim =
-      aim_at(plane_ahead(wave, medium, scattered_at(wave.paths, i), to_light), to_light);
-  const Floats pdf = lobe_pdf(wave, medium, aim.direction, load(wave.paths.rays.direction, i));
-  return hn::IfThenElseZero(aim.possible, per * pdf);
-}
-
-// Sends rays from paths that leave the medium through a smooth boundary to find out whether a
-// refracted one would have gone there (check_odds), and then, with which odds.
-inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, const Crossing& at) {
-  Paths& paths = wave.paths;
-  OddsRays& sent = wave.odds_rays;
-  const FloatTag d;
-  const Floats zero = hn::Zero(d), walk_pdf = load(paths.scattered_pdf[0], i);
-  Mask where = leaving & (walk_pdf > 0);
-  if (hn::AllFalse(d, where)) return;
-  const Lights& lights = wave.scene.lights;
-  const Vectors up = set(Vec3f{0, 1, 0}), x = scattered_at(paths, i);
-  const Floats index = index_of(wave.media, medium);
-  const bool flat = wave.scene.obstacles.corner_normals.flat();
-  const VectorColumn& normals = flat ? wave.crossings.normal : wave.crossings.smooth_normal;
-  const Plane plane{if_then_else(where, load(normals, i), up), index};
-  const Vectors inner = load(paths.rays.direction, i);
-  const Aim along = aim_along(plane, inner);
-  const auto [outer, reflected] = transmit_boundary(wave.media, medium, at);
-  where &= along.possible;
-  Vectors to_light = if_then_else(where, along.direction, up);
-  Floats by_drawn = along.inner_by_outer, far = zero;
-  Target target{to_light, hn::Zero(UintTag()), hn::FirstN(d, 0), {}};
-  const Vectors y = load(paths.rays.position, i), to_boundary = y - x;
-  if (lights.has_lamps()) {
-    const Uints lamp = lamp_seen(lights, y, if_then_else(where, outer, up));
-    const LampMiddle middle = seen_middle(lights, lamp, x);
-    far = way_to_plane(middle, to_boundary, to_light);
-    const Vectors to_point = to_boundary + to_light * far;
-    const Mask to_lamp = not_zero(lamp);
-    where = hn::AndNot(to_lamp & (far >= kInfinity), where);
-    const Floats near = hn::Sqrt(dot(to_boundary, to_boundary));
-    by_drawn = hn::IfThenElse(
-        to_lamp, inner_by_straight(plane, middle, to_point, inner, to_light, near, far), by_drawn);
-    target = {if_then_else(to_lamp, to_point, to_light), lamp, to_lamp, middle};
-  }
-  const Uints triangle = hn::IfThenElseZero(for_uints(where), load(wave.crossings.triangle, i));
-  if (!flat) {
-    const CurvedFacet facet =
-        curved_facet(wave.scene.obstacles, hn::BitCast(IntTag(), triangle), x);
-    by_drawn =
-        inner_by_drawn(facet, bend_at(facet, index, to_boundary, target), index, target, far);
-  }
-  to_light = if_then_else(where, target.direction(), up);
-  const Aim first = aim_at({normal_near(wave, x), index}, to_light);
-  const Vectors search = if_then_else(first.possible, first.direction, to_light);
-  const Floats pdf = drawn_pdf(lights, target.lamp, x, to_light) * by_drawn;
-  where &= pdf < kMostDensity;
-  const Floats arriving =
-      (1 - reflected) * part_arriving(wave, medium, load(paths.rays.medium_length, i));
-  const Mask asked = where & (pdf > 0);
-  const Append append{asked, sent.count};
-  append(x, sent.rays.position);
-  append(search, sent.rays.direction);
-  append(set(Rays::kInside), sent.rays.interaction);
-  append(longest_search(wave, medium), sent.rays.max_medium_length);
-  append(slots_from(i), sent.slot);
-  append(pdf / (walk_pdf * arriving), sent.odds);
-  append(x, sent.origin);
-  append(target.place, sent.to_light);
-  append(target.lamp, sent.lamp);
-  append(triangle, sent.facet);
-  append(to_boundary, sent.left);
-  sent.count += hn::CountTrue(d, asked);
-}
-
-// Sends rays from paths at a nearly smooth boundary to find out how a refracted one would have gone
-// there for a target (check_odds). `per` is what the odds are multiplied by, and `shadow_ray` the
-// shadow ray that they are of.
-inline void send_lobe_odds(Wavefront& wave, OddsRays& sent, size_t i, Mask where, Uints medium,
-                           const Target& target, Floats per, Uints shadow_ray) {
-  const Floats arrival = per_arrival(wave, i, medium);
-  where &= arrival > 0;
-  if (hn::AllFalse(FloatTag(), where)) return;
-  const Vectors x = scattered_at(wave.paths, i), outer = target.direction();
-  const Aim aim = first_aim(wave, medium, x, outer);
-  const Append append{where, sent.count};
-  append(x, sent.rays.position);
-  append(if_then_else(aim.possible, aim.direction, outer), sent.rays.direction);
-  append(set(Rays::kInside), sent.rays.interaction);
-  append(longest_search(wave, medium), sent.rays.max_medium_length);
-  append(slots_from(i), sent.slot);
-  append(arrival * per, sent.odds);
-  append(x, sent.origin);
-  append(target.place, sent.to_light);
-  append(target.lamp, sent.lamp);
-  append(load(wave.paths.rays.direction, i), sent.left);
-  append(shadow_ray, sent.shadow_ray);
-  sent.count += hn::CountTrue(FloatTag(), where);
-}
 
 // From scatterings of the paths in slots i, i + 1 ..., towards lights that were drawn from there.
 // Roulette before anything is traced, as of other shadow rays (send_shadow_rays). What they will
@@ -338,14 +110,15 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
          sent.rays.max_medium_length);
   append(slots_from(i), sent.slot);
   append(importance, sent.importance);
-  append(target.place, sent.to_light);
   append(light.pdf, sent.light_pdf);
   if (wave.searches_facets) {  // what they bring is known later
     append(position, sent.origin);
+    append(target.place, sent.target);
     append(load(paths.rays.direction, i), sent.before);
     append(target.lamp, sent.lamp);
     append(limit_mm, sent.limit);
   } else {
+    append(target.place, sent.to_light);
     append(phase.value, sent.phase);
     append(pdf, sent.pdf);
   }
@@ -365,22 +138,6 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
     append(s < of_phase ? score + phase.scores[s] : score, sent.scores[s]);
   }
   sent.count += hn::CountTrue(d, where);
-}
-
-// Copies how light was drawn, of rays to a rough boundary.
-template <typename Copy>
-inline void for_each_light_column(const RefractedRays& from, RefractedRays& to, const Copy& copy) {
-  copy(from.radiance, to.radiance);
-  copy(from.choice, to.choice);
-  copy(from.u0, to.u0);
-  copy(from.u1, to.u1);
-  copy(from.source, to.source);
-}
-// Calls visit(column) for what shadow rays bring.
-template <typename Visit>
-inline void for_each_light_column(ShadowRays& rays, const Visit& visit) {
-  visit(rays.light);
-  for (FloatColumn& column : rays.per_radiance) visit(column);
 }
 
 // How they go on behind the boundary.
@@ -476,94 +233,6 @@ inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Uints me
                   });
 }
 
-// Calls visit(number, place, live) for the facets around the ones that rays have met, one of each.
-template <typename SentRays, typename Visit>
-HWY_INLINE void for_each_facet(const Wavefront& wave, const SentRays& sent, size_t i, Uints medium,
-                               Mask met, const Visit& visit) {
-  const FloatTag d;
-  const IntTag di;
-  const Obstacles& obstacles = wave.scene.obstacles;
-  const Facets& facets = obstacles.facets;
-  const auto int_gather = [&](const std::vector<uint32_t>& from, Ints at) {
-    return hn::GatherIndex(di, reinterpret_cast<const int32_t*>(from.data()), at);
-  };
-  const auto int_mask = [&](Mask mask) { return hn::RebindMask(di, mask); };
-  const Ints triangle =
-      hn::IfThenElseZero(int_mask(met), hn::BitCast(di, load(wave.crossings.triangle, i)));
-  const Ints begin = int_gather(facets.first, triangle);
-  const Ints end = int_gather(facets.first, triangle + hn::Set(di, 1));
-  const Vectors x = load(sent.origin, i);
-  const Target target = target_of(wave, sent, i);
-  const Floats index = index_of(wave.media, medium);
-  for (Ints at = begin;; at = at + hn::Set(di, 1)) {
-    const Mask live = met & hn::RebindMask(d, at < end);
-    if (hn::AllFalse(d, live)) return;
-    const Ints number = int_gather(facets.around, hn::IfThenElse(int_mask(live), at, begin));
-    visit(number, place_on(obstacles, number, index, x, target), live);
-  }
-}
-
-// The facets that refract the light to where the rays begin: how many there are, and one of them,
-// which u chooses, and where on it.
-struct FacetChoice {
-  Floats count;
-  Ints facet;
-  Vectors to;
-};
-// `known`: one that does, at `left` from there, if it is among them; `found`: whether it is.
-template <typename SentRays>
-HWY_INLINE FacetChoice choose_facet(const Wavefront& wave, const SentRays& sent, size_t i,
-                                    Uints medium, Mask met, Floats u, Uints known, Vectors left,
-                                    Mask& found) {
-  constexpr float kSame = 1e-3F;
-  const FloatTag d;
-  const IntTag di;
-  const Floats zero = hn::Zero(d), one = set(1.0F);
-  const bool flat = wave.scene.obstacles.corner_normals.flat();
-  FacetChoice choice{zero, hn::Zero(di), set(Vec3f{0, 1, 0})};
-  found = hn::FirstN(d, 0);
-  for_each_facet(wave, sent, i, medium, met, [&](Ints number, const Place& place, Mask live) {
-    const Mask is_number = live & hn::RebindMask(d, hn::Eq(number, hn::BitCast(di, known)));
-    Mask is_known = is_number, refracts = live & place.possible;
-    if (flat) {
-      refracts = is_known | refracts;
-    } else {
-      const Vectors beside = place.to - left;
-      const Floats most = kSame * kSame * dot(place.to, place.to);
-      is_known = is_number & refracts & (dot(beside, beside) < most);
-    }
-    found |= is_known;
-    choice.count += hn::IfThenElseZero(refracts, one);
-    // One in n is what u says of the n-th, and what is left of u says which of those before.
-    const Floats part = 1 / choice.count;
-    const Mask taken = refracts & (u < part);
-    choice.facet = hn::IfThenElse(hn::RebindMask(di, taken), number, choice.facet);
-    choice.to = if_then_else(taken, place.to, choice.to);
-    const Floats other = hn::Min((u - part) / (1 - part), set(0x1.fffffep-1F));
-    u = hn::IfThenElse(taken, u * choice.count, hn::IfThenElse(refracts, other, u));
-  });
-  return choice;
-}
-
-// The facets again, behind which the boundary is rough: how many there are, and the sum of the
-// densities at `direction` of the lobes around where they aim.
-struct LobeSum {
-  Floats count, pdf;
-};
-template <typename SentRays>
-HWY_INLINE LobeSum sum_lobes(const Wavefront& wave, const SentRays& sent, size_t i, Uints medium,
-                             Mask met, Vectors direction) {
-  const Floats zero = hn::Zero(FloatTag());
-  LobeSum sum{zero, zero};
-  for_each_facet(wave, sent, i, medium, met, [&](Ints /*number*/, const Place& place, Mask live) {
-    const Mask refracts = live & place.possible;
-    const Floats pdf = lobe_pdf(wave, medium, normalize(place.to), direction);
-    sum.count += hn::IfThenElseZero(refracts, set(1.0F));
-    sum.pdf += hn::IfThenElseZero(refracts, pdf);
-  });
-  return sum;
-}
-
 // Rays in these directions, from where those began that searched for a facet.
 struct AimedRays {
   Vectors direction;
@@ -639,75 +308,6 @@ inline Mask aim_again(Wavefront& wave, size_t i, Ints slots, Uints medium, Mask 
   return solved;
 }
 
-// Moves rays that search on to the front of their list, behind those that are there already.
-template <typename SentRays>
-inline void keep_searching(Wavefront& wave, SentRays& sent, size_t i, Mask where, Vectors direction,
-                           size_t& kept) {
-  if (hn::AllFalse(FloatTag(), where)) return;
-  const Append append{where, kept};
-  const auto keep = [&](auto& column) { append(load(column, i), column); };
-  if constexpr (requires { sent.limit; }) {
-    for (auto* column : {&sent.limit, &sent.importance, &sent.light_pdf}) keep(*column);
-    keep(sent.before);
-    for (FloatColumn& score : sent.scores) keep(score);
-    if (!wave.boundary_is_delta) {
-      for_each_light_column(sent, sent,
-                            [&](const auto& from, auto& to) { append(load(from, i), to); });
-    }
-  } else {
-    keep(sent.odds);
-    keep(sent.left);
-    for (UintColumn* column : {&sent.facet, &sent.shadow_ray}) keep(*column);
-  }
-  append(load(sent.origin, i), sent.rays.position);
-  for (VectorColumn* column : {&sent.origin, &sent.to_light}) keep(*column);
-  for (UintColumn* column : {&sent.slot, &sent.lamp}) keep(*column);
-  keep(sent.rays.max_medium_length);
-  append(direction, sent.rays.direction);
-  append(set(Rays::kInside), sent.rays.interaction);
-  kept += hn::CountTrue(FloatTag(), where);
-}
-
-// Follows rays inside to the boundary, and calls visit(i, slots, met): of which paths they are, and
-// which of them meet it.
-template <typename SentRays, typename Visit>
-inline void follow_to_boundary(Wavefront& wave, SentRays& sent, const Visit& visit) {
-  const FloatTag d;
-  follow_lines(wave.scene.obstacles, sent.rays, sent.count, Report::kEnds, &wave.crossings);
-  for (size_t i = 0; i < sent.count; i += lanes()) {
-    const Mask live = hn::FirstN(d, sent.count - i);
-    const Uints end = load(sent.rays.outcome, i) & set(Rays::kEndMask);
-    const Ints slots = slots_in(sent.slot, i, live);
-    mark_leaked(wave.paths, live & equals(end, Rays::kLeaked), slots);
-    visit(i, slots, live & equals(end, Rays::kCrossing));
-  }
-}
-
-// Searches for facets: calls solve(i, slots, medium, met), which returns where there are some, for
-// rays that have met the boundary. The others are aimed by the plane of what they have met, once
-// more; where that is in vain, it calls give_up(i, slots, medium, met).
-template <typename SentRays, typename Solve, typename GiveUp>
-inline void search_facets(Wavefront& wave, SentRays& sent, const Solve& solve,
-                          const GiveUp& give_up) {
-  constexpr int kSearches = 2;
-  for (int search = 1; sent.count > 0; ++search) {
-    size_t kept = 0;
-    follow_to_boundary(wave, sent, [&](size_t i, Ints slots, Mask met) {
-      const Uints medium = wave.medium_in(slots);
-      const Mask left = hn::AndNot(solve(i, slots, medium, met), met);
-      if (hn::AllFalse(FloatTag(), left)) return;
-      const Vectors normal =
-          if_then_else(left, load(wave.crossings.normal, i), set(Vec3f{0, 1, 0}));
-      const Aim next =
-          aim_at({normal, index_of(wave.media, medium)}, target_of(wave, sent, i).direction());
-      const Mask goes_on = search < kSearches ? left & next.possible : hn::FirstN(FloatTag(), 0);
-      give_up(i, slots, medium, hn::AndNot(goes_on, left));
-      keep_searching(wave, sent, i, goes_on, next.direction, kept);
-    });
-    sent.count = kept;
-  }
-}
-
 inline void cross_refracted_rays(Wavefront& wave) {
   RefractedRays &first = wave.refracted_rays, &again = wave.aimed_again;
   if (!wave.searches_facets) {
@@ -734,61 +334,6 @@ inline void cross_refracted_rays(Wavefront& wave) {
       met &= hn::RebindMask(FloatTag(), as_aimed);
     }
     leave(wave, again, i, wave.medium_in(slots), met);
-  });
-}
-
-// The odds of walks (send_odds), where a search finds the facet that they left by.
-inline void check_facets(Wavefront& wave) {
-  OddsRays& sent = wave.odds_rays;
-  FloatColumn& odds = wave.paths.odds[0];
-  search_facets(
-      wave, sent,
-      [&](size_t i, Ints slots, Uints medium, Mask met) {
-        const Floats zero = hn::Zero(FloatTag());
-        Mask found;
-        const FacetChoice choice = choose_facet(wave, sent, i, medium, met, zero,
-                                                load(sent.facet, i), load(sent.left, i), found);
-        const Floats own = load(sent.odds, i) / choice.count;
-        hn::ScatterIndex(hn::IfThenElse(found, own, gather(odds.data(), slots)), FloatTag(),
-                         odds.data(), slots);
-        return met & (choice.count > 0);
-      },
-      [](size_t /*i*/, Ints /*slots*/, Uints /*medium*/, Mask /*met*/) {});
-}
-
-// The odds of what leaves through a nearly smooth boundary (send_lobe_odds): calls
-// visit(i, slots, odds, where).
-template <typename Visit>
-inline void check_lobes(Wavefront& wave, OddsRays& sent, const Visit& visit) {
-  search_facets(
-      wave, sent,
-      [&](size_t i, Ints slots, Uints medium, Mask met) {
-        const LobeSum sum = sum_lobes(wave, sent, i, medium, met, load(sent.left, i));
-        const Mask solved = met & (sum.count > 0);
-        visit(i, slots, load(sent.odds, i) * (sum.pdf / sum.count), solved);
-        return solved;
-      },
-      [&](size_t i, Ints slots, Uints medium, Mask met) {
-        const Aim aim = first_aim_of(wave, sent, i, medium, met);
-        const Floats pdf = lobe_pdf(wave, medium, aim.direction, load(sent.left, i));
-        visit(i, slots, load(sent.odds, i) * pdf, met & aim.possible);
-      });
-}
-
-inline void check_odds(Wavefront& wave) {
-  if (!wave.searches_facets) return;
-  if (wave.boundary_is_delta) return check_facets(wave);
-  const FloatTag d;
-  check_lobes(wave, wave.odds_rays, [&](size_t /*i*/, Ints slots, Floats odds, Mask where) {
-    float* const of_paths = wave.paths.odds[0].data();
-    hn::ScatterIndex(hn::IfThenElse(where, odds, gather(of_paths, slots)), d, of_paths, slots);
-  });
-  check_lobes(wave, wave.shadow_odds, [&](size_t i, Ints /*slots*/, Floats odds, Mask where) {
-    const Ints rays = slots_in(wave.shadow_odds.shadow_ray, i, where);
-    const Floats part = 1 / (1 + odds);
-    for_each_light_column(wave.shadow_rays, [&](FloatColumn& light) {
-      hn::ScatterIndex(gather(light.data(), rays) * part, d, light.data(), rays);
-    });
   });
 }
 

@@ -16,6 +16,7 @@
 #include "server/tracer/geometry/surface_normals-inl.h"
 #include "server/tracer/surfaces/reflectance.h"
 #include "server/tracer/wavefront/walk/outline_rays-inl.h"
+#include "server/tracer/wavefront/walk/refraction_odds-inl.h"
 #include "server/tracer/wavefront/walk/shadow_rays-inl.h"
 
 HWY_BEFORE_NAMESPACE();

@@ -14,6 +14,7 @@
 #include "server/tracer/lights/lights-inl.h"
 #include "server/tracer/wavefront/walk/contribution-inl.h"
 #include "server/tracer/wavefront/walk/refracted_rays-inl.h"
+#include "server/tracer/wavefront/walk/refraction_odds-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
