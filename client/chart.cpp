@@ -7,7 +7,7 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
-#include "common/image/image.h"
+#include "client/image/image.h"
 
 namespace itn {
 namespace {

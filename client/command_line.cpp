@@ -12,10 +12,10 @@
 
 #include "client/interrupt.h"
 #include "client/output.h"
+#include "client/progress.h"
 #include "common/error.h"
 #include "common/flags.h"
 #include "common/logging.h"
-#include "common/progress.h"
 #include "common/rpc/library_log.h"
 #include "common/suggestion.h"
 

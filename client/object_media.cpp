@@ -2,9 +2,9 @@
 
 #include <fmt/format.h>
 
+#include "client/measured_media.h"
 #include "common/error.h"
 #include "common/fields.h"
-#include "common/measured_media.h"
 #include "common/scene/field_check.h"
 #include "common/scene/material_proto.h"
 #include "server/scene_compiler/mesh_builder.h"

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <cstddef>
 
-#include "common/image/image.h"
-#include "common/image/preview.h"
+#include "client/image/image.h"
+#include "client/image/preview.h"
 
 namespace itn {
 namespace {

@@ -17,16 +17,16 @@
 #include "common/flags.h"
 #include "common/logging.h"
 #include "common/printable.h"
-#include "common/rpc/grpc_server.h"
 #include "common/rpc/host_port.h"
 #include "common/rpc/library_log.h"
-#include "common/rpc/memory_plan.h"
-#include "common/rpc/metrics.h"
-#include "common/rpc/process_memory.h"
-#include "common/rpc/queued_call.h"
-#include "common/rpc/server_security.h"
 #include "common/rpc/shutdown_signal.h"
 #include "common/suggestion.h"
+#include "server/rpc/grpc_server.h"
+#include "server/rpc/memory_plan.h"
+#include "server/rpc/metrics.h"
+#include "server/rpc/process_memory.h"
+#include "server/rpc/queued_call.h"
+#include "server/rpc/server_security.h"
 
 namespace itn {
 

@@ -23,12 +23,12 @@
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
+#include "client/progress.h"
+#include "client/scene/text_proto.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/flags.h"
 #include "common/material.h"
-#include "common/progress.h"
-#include "common/scene/text_proto.h"
 
 namespace itn {
 namespace {

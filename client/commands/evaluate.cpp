@@ -8,17 +8,17 @@
 #include <vector>
 
 #include "client/commands/evaluate.h"
+#include "client/image/preview.h"
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
 #include "client/panels.h"
+#include "client/progress.h"
 #include "client/training/evaluation.h"
 #include "client/training/similarity_predictor.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
-#include "common/image/preview.h"
 #include "common/learning/model_files.h"
-#include "common/progress.h"
 #include "common/scene/material_proto.h"
 
 namespace itn {

@@ -14,9 +14,9 @@
 #include "client/experiment/experiment_config.h"
 #include "client/interrupt.h"
 #include "client/output.h"
+#include "client/progress.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
-#include "common/progress.h"
 
 namespace itn {
 namespace {

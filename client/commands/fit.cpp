@@ -21,22 +21,22 @@
 #include "client/commands/fit_report.h"
 #include "client/commands/fit_stand.h"
 #include "client/dataset/panorama.h"
+#include "client/files/folder_lock.h"
+#include "client/image/preview.h"
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
 #include "client/refine/refine_result.h"
 #include "client/refine/refine_run.h"
 #include "client/render_pool/render_pool.h"
+#include "client/scene/scene_file.h"
+#include "client/scene/text_proto.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
-#include "common/files/folder_lock.h"
 #include "common/files/read_file.h"
 #include "common/image/photograph.h"
-#include "common/image/preview.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_bytes.h"
-#include "common/scene/scene_file.h"
-#include "common/scene/text_proto.h"
 #include "server/scene_compiler/mesh_builder.h"
 
 namespace itn {
@@ -74,6 +74,7 @@ void check(const FitOptions& options) {
         "are "
         "known");
   }
+  check_init(options.refine.init);
   if (options.refine.g_of_each_colour && options.g_error == 0) {
     throw usage("--g-of-each-colour is for a g that is found: say --g-error, such as 0.4");
   }
@@ -221,6 +222,7 @@ void write_posed_scenes(FitOptions options, const fs::path& folder, RefineOption
     const v1::Scene loaded = for_search(scene);
     const Mesh mesh = MeshBuilder(UINT64_MAX).build("object.mesh", loaded.object().mesh());
     refuse_if_huge(options, longest_side(bounds(mesh)));
+    spdlog::info("{}: searching where the object stands", photograph.name);
     const FoundStand stand = find_stand(photograph, mesh, loaded, options, pool);
     const FoundPose& found = stand.pose;
     v1::FitPose& pose = *result.add_poses();
@@ -459,9 +461,11 @@ void run_fit(const FitOptions& options) {
       write_posed_scenes(options, folder, refine, result);
     } catch (const Error& error) {
       if (error.kind() != ErrorKind::kCancelled) throw;
-      throw Error(error.kind(), fmt::format("{} before all was found where it stands, so nothing "
-                                            "is kept: the same command begins anew",
-                                            error.what()));
+      throw Error(
+          error.kind(),
+          fmt::format(
+              "{}: where the object stands is not found yet; the same command searches anew",
+              error.what()));
     }
     result.set_search_seconds(seconds());
     write_file_atomically(folder / kOptionsFile, words);
@@ -471,9 +475,10 @@ void run_fit(const FitOptions& options) {
   refine.seconds_before = std::max(seconds(), result.search_seconds());
   const std::vector<v1::RefineResult> found = find_materials(refine);
   result.mutable_results()->Add(found.begin(), found.end());
-  write_report(options, refine.scenes.front(), folder, result);
   options.refine.json ? print_result("{}\n", to_json(result))
                       : print_result(to_text(result, folder));
+  spdlog::info("writing {}", (folder / "report.html").string());
+  write_report(options, refine.scenes.front(), folder, result);
 }
 
 }  // namespace itn

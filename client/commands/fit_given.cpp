@@ -6,8 +6,8 @@
 #include <algorithm>
 
 #include "client/commands/fit_stand.h"
+#include "client/image/image.h"
 #include "client/refine/coordinates.h"
-#include "common/image/image.h"
 #include "common/scene/material_proto.h"
 
 namespace itn {

@@ -14,12 +14,12 @@
 #include "client/dataset/panorama.h"
 #include "client/interrupt.h"
 #include "client/predict/photograph_input.h"
+#include "client/scene/panorama_file.h"
+#include "client/scene/scene_file.h"
 #include "common/angle.h"
 #include "common/error.h"
 #include "common/geometry/shapes.h"
 #include "common/scene/field_check.h"
-#include "common/scene/panorama_file.h"
-#include "common/scene/scene_file.h"
 #include "server/scene_compiler/mesh_builder.h"
 
 namespace itn {

@@ -8,9 +8,9 @@
 
 #include "client/commands/fit.h"
 #include "client/fit/silhouette.h"
+#include "client/image/image.h"
 #include "common/geometry/mesh.h"
 #include "common/geometry/pose.h"
-#include "common/image/image.h"
 #include "common/image/photograph.h"
 #include "itn/v1/scene.pb.h"
 

@@ -17,11 +17,11 @@
 #include "client/import/import_mitsuba.h"
 #include "client/object_media.h"
 #include "client/output.h"
+#include "client/scene/scene_file.h"
+#include "client/scene/text_proto.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/printable.h"
-#include "common/scene/scene_file.h"
-#include "common/scene/text_proto.h"
 #include "server/scene_compiler/scene_builder.h"
 
 namespace itn {

@@ -11,10 +11,10 @@
 #include "client/commands/fit_photograph.h"
 #include "client/commands/options.h"
 #include "client/fit/mirror_ball.h"
+#include "client/image/image.h"
 #include "client/output.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
-#include "common/image/image.h"
 
 namespace itn {
 namespace {

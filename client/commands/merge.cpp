@@ -11,13 +11,13 @@
 
 #include "client/commands/merge.h"
 #include "client/commands/options.h"
+#include "client/image/attributes.h"
+#include "client/image/exposure_merge.h"
+#include "client/image/photograph_file.h"
 #include "client/interrupt.h"
 #include "client/output.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
-#include "common/image/attributes.h"
-#include "common/image/exposure_merge.h"
-#include "common/image/photograph_file.h"
 
 namespace itn {
 namespace {

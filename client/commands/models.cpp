@@ -12,12 +12,12 @@
 #include "client/commands/options.h"
 #include "client/output.h"
 #include "client/predict/predictor_error.h"
+#include "client/rpc/channel.h"
+#include "client/rpc/deadline.h"
 #include "common/error.h"
 #include "common/flags.h"
 #include "common/learning/model_files.h"
 #include "common/printable.h"
-#include "common/rpc/channel.h"
-#include "common/rpc/deadline.h"
 #include "itn/v1/predict.grpc.pb.h"
 
 namespace itn {

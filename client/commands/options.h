@@ -17,11 +17,11 @@
 #include <vector>
 
 #include "client/render_pool/render_pool.h"
+#include "client/rpc/client_security.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/flags.h"
 #include "common/printable.h"
-#include "common/rpc/client_security.h"
 #include "itn/v1/scene.pb.h"
 
 namespace itn {

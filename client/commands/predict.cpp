@@ -28,13 +28,13 @@
 #include "client/predict/report.h"
 #include "client/predict/same_photograph.h"
 #include "client/predict/swatches.h"
+#include "client/progress.h"
 #include "client/render_pool/render_pool.h"
+#include "client/scene/scene_file.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/learning/model_files.h"
-#include "common/progress.h"
 #include "common/rpc/status.h"
-#include "common/scene/scene_file.h"
 
 namespace itn {
 namespace {

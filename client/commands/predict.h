@@ -8,7 +8,7 @@
 
 #include "client/exports/exports.h"
 #include "client/predict/photograph_input.h"
-#include "common/rpc/client_security.h"
+#include "client/rpc/client_security.h"
 
 namespace itn {
 

@@ -12,10 +12,10 @@
 #include "client/commands/command.h"
 #include "client/commands/options.h"
 #include "client/output.h"
+#include "client/rpc/channel.h"
+#include "client/rpc/deadline.h"
 #include "common/error.h"
 #include "common/flags.h"
-#include "common/rpc/channel.h"
-#include "common/rpc/deadline.h"
 #include "common/rpc/status.h"
 
 namespace itn {

@@ -14,25 +14,25 @@
 #include <vector>
 
 #include "client/commands/refine.h"
+#include "client/files/folder_lock.h"
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/object_media.h"
 #include "client/output.h"
 #include "client/predict/photograph_input.h"
 #include "client/predict/predictors.h"
+#include "client/progress.h"
 #include "client/refine/coordinates.h"
 #include "client/refine/refine_run.h"
 #include "client/render_pool/render_pool.h"
+#include "client/scene/scene_file.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
-#include "common/files/folder_lock.h"
 #include "common/image/photograph.h"
 #include "common/learning/model_files.h"
-#include "common/progress.h"
 #include "common/random.h"
 #include "common/rpc/status.h"
 #include "common/scene/material_proto.h"
-#include "common/scene/scene_file.h"
 #include "server/scene_compiler/mesh_builder.h"
 #include "server/tracer/boundary/dielectric.h"
 #include "server/tracer/boundary/rough_dielectric.h"
@@ -413,9 +413,13 @@ Material mean_of_size(double longest_side) {
   return mean;
 }
 
+void check_init(const std::string& init) {
+  if (init != "network" && init != "mean") parsed_material(init);
+}
+
 std::vector<v1::RefineResult> find_materials(const RefineOptions& options) {
   const v1::RefineSettings settings = settings_of(options);
-  if (options.init != "network" && options.init != "mean") parsed_material(options.init);
+  check_init(options.init);
   const std::vector<v1::Scene> scenes = load_scenes(options);
   std::vector<Observation> observations;
   for (size_t i = 0; i < scenes.size(); ++i) {
@@ -437,16 +441,15 @@ std::vector<v1::RefineResult> find_materials(const RefineOptions& options) {
   RenderPool pool(options.workers.pool_options());
   const Renderer renderer = rendered_by(pool, interruption());
   Progress progress("refining", "iterations", settings.max_iterations());
-  uint64_t done = 0;
   const RefineRun refine_run{
       .folder = options.output,
       .origin = origin_of(options),
       .seconds_before = options.seconds_before,
       .starts = [&] { return starts_around(first_start(options, scenes), options.starts); },
       .report =
-          [&](const v1::RefineIteration& i) {
+          [&](const v1::RefineIteration& i, size_t done) {
             if (options.time_limit > 0) progress.end_within(options.time_limit - i.seconds());
-            progress.update(++done, in_short(i));
+            progress.update(done, in_short(i));
           }};
   const Refinement refinement = refine(settings, observations, renderer, refine_run);
   std::vector<v1::RefineResult> results;

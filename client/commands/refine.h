@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "client/commands/options.h"
+#include "client/image/image.h"
 #include "client/predict/photograph_input.h"
-#include "common/image/image.h"
 #include "common/material.h"
 #include "itn/v1/refine.pb.h"
 #include "itn/v1/scene.pb.h"
@@ -72,6 +72,9 @@ std::string disturbance_name(size_t which, const std::string& colour);
 
 // The material where --init mean starts, for an object of this longest side in mm.
 Material mean_of_size(double longest_side);
+
+// Throws Error (usage) if --init is none of what it may be.
+void check_init(const std::string& init);
 
 // What run_refine() prints: of the luminance or a colour, or of red, green and blue, as the films
 // say. Whoever calls has locked the output folder.

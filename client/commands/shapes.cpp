@@ -8,16 +8,16 @@
 #include <string>
 
 #include "client/commands/command.h"
+#include "client/files/folder_lock.h"
+#include "client/geometry/mesh_file.h"
+#include "client/geometry/random_shape.h"
 #include "client/interrupt.h"
 #include "client/output.h"
+#include "client/progress.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
-#include "common/files/folder_lock.h"
 #include "common/files/read_file.h"
-#include "common/geometry/mesh_file.h"
-#include "common/geometry/random_shape.h"
 #include "common/geometry/shapes.h"
-#include "common/progress.h"
 
 namespace itn {
 namespace {

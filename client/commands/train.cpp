@@ -16,10 +16,13 @@
 #include "client/commands/train.h"
 #include "client/dataset/dataset.h"
 #include "client/dataset/dataset_config.h"
+#include "client/files/folder_lock.h"
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
+#include "client/progress.h"
 #include "client/render_pool/render_pool.h"
+#include "client/scene/text_proto.h"
 #include "client/training/camera_augmentation.h"
 #include "client/training/dataset_training.h"
 #include "client/training/training_config.h"
@@ -27,11 +30,8 @@
 #include "client/training/validation.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
-#include "common/files/folder_lock.h"
 #include "common/learning/checkpoint.h"
 #include "common/learning/model_files.h"
-#include "common/progress.h"
-#include "common/scene/text_proto.h"
 
 namespace itn {
 namespace {

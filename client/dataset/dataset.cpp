@@ -9,13 +9,13 @@
 
 #include "client/dataset/dataset_config.h"
 #include "client/dataset/item_scene.h"
+#include "client/image/attributes.h"
 #include "client/render_pool/render_query.h"
 #include "client/render_pool/reply_images.h"
+#include "client/scene/text_proto.h"
 #include "common/error.h"
 #include "common/files/read_file.h"
-#include "common/image/attributes.h"
 #include "common/rpc/wire_array.h"
-#include "common/scene/text_proto.h"
 
 namespace itn {
 namespace fs = std::filesystem;

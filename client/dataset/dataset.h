@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "common/image/image.h"
+#include "client/image/image.h"
 #include "common/scene/scene_bytes.h"
 #include "itn/v1/dataset.pb.h"
 

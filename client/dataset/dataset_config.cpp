@@ -12,10 +12,10 @@
 #include <fmt/ranges.h>
 
 #include "client/dataset/distribution.h"
+#include "client/scene/text_proto.h"
 #include "common/error.h"
 #include "common/files/read_file.h"
 #include "common/scene/material_proto.h"
-#include "common/scene/text_proto.h"
 
 namespace itn {
 namespace {

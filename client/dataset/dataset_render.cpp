@@ -17,14 +17,14 @@
 #include <spdlog/spdlog.h>
 
 #include "client/dataset/noise.h"
+#include "client/files/folder_lock.h"
+#include "client/image/attributes.h"
+#include "client/image/image.h"
 #include "client/render_pool/render_pool.h"
 #include "client/render_pool/render_query.h"
 #include "client/render_pool/reply_images.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
-#include "common/files/folder_lock.h"
-#include "common/image/attributes.h"
-#include "common/image/image.h"
 #include "common/random.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"

@@ -9,10 +9,10 @@
 #include <fmt/ranges.h>
 
 #include "client/dataset/panorama.h"
+#include "client/files/folder_files.h"
+#include "client/scene/panorama_file.h"
 #include "common/error.h"
-#include "common/files/folder_files.h"
 #include "common/rpc/wire_array.h"
-#include "common/scene/panorama_file.h"
 #include "common/scene/scene_bytes.h"
 
 namespace itn {

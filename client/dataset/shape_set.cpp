@@ -9,11 +9,11 @@
 #include <fmt/ranges.h>
 #include <spdlog/spdlog.h>
 
+#include "client/files/folder_files.h"
+#include "client/geometry/mesh_file.h"
+#include "client/geometry/mesh_repair.h"
+#include "client/geometry/random_shape.h"
 #include "common/error.h"
-#include "common/files/folder_files.h"
-#include "common/geometry/mesh_file.h"
-#include "common/geometry/mesh_repair.h"
-#include "common/geometry/random_shape.h"
 #include "common/geometry/shapes.h"
 #include "common/scene/scene_bytes.h"
 

@@ -4,8 +4,8 @@
 
 #include <fmt/format.h>
 
+#include "client/image/image.h"
 #include "client/training/evaluation.h"
-#include "common/image/image.h"
 #include "common/random.h"
 
 namespace itn {

@@ -22,17 +22,17 @@
 #include "client/experiment/network_stage.h"
 #include "client/experiment/refinements.h"
 #include "client/experiment/report.h"
+#include "client/files/folder_lock.h"
+#include "client/scene/text_proto.h"
 #include "client/training/evaluation.h"
 #include "client/training/similarity_predictor.h"
 #include "client/training/training.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
-#include "common/files/folder_lock.h"
 #include "common/files/read_file.h"
 #include "common/learning/checkpoint.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_bytes.h"
-#include "common/scene/text_proto.h"
 
 namespace itn {
 namespace fs = std::filesystem;

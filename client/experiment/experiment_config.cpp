@@ -11,12 +11,12 @@
 
 #include "client/dataset/dataset_config.h"
 #include "client/experiment/presets.h"
+#include "client/scene/text_proto.h"
 #include "client/training/training.h"
 #include "client/training/training_config.h"
 #include "common/error.h"
 #include "common/files/read_file.h"
 #include "common/geometry/shapes.h"
-#include "common/scene/text_proto.h"
 
 namespace itn {
 namespace {

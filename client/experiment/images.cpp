@@ -9,11 +9,11 @@
 
 #include "client/dataset/dataset_render.h"
 #include "client/dataset/item_scene.h"
+#include "client/image/image.h"
+#include "client/image/ms_ssim.h"
 #include "client/render_pool/render_pool.h"
 #include "client/training/evaluation.h"
 #include "common/geometry/shapes.h"
-#include "common/image/image.h"
-#include "common/image/ms_ssim.h"
 #include "common/random.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"

@@ -4,17 +4,17 @@
 #include <utility>
 
 #include "client/dataset/dataset_config.h"
+#include "client/files/folder_lock.h"
+#include "client/scene/text_proto.h"
 #include "client/training/dataset_training.h"
 #include "client/training/evaluation.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
-#include "common/files/folder_lock.h"
 #include "common/files/read_file.h"
 #include "common/learning/checkpoint.h"
 #include "common/learning/model_files.h"
 #include "common/learning/predictor.h"
 #include "common/scene/material_proto.h"
-#include "common/scene/text_proto.h"
 
 namespace itn {
 namespace fs = std::filesystem;

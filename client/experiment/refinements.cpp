@@ -7,10 +7,10 @@
 
 #include "client/in_parallel.h"
 #include "client/refine/refinement.h"
+#include "client/scene/text_proto.h"
 #include "client/training/evaluation.h"
 #include "common/files/atomic_file.h"
 #include "common/files/read_file.h"
-#include "common/scene/text_proto.h"
 
 namespace itn {
 namespace fs = std::filesystem;

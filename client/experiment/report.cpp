@@ -11,11 +11,11 @@
 #include "client/chart.h"
 #include "client/experiment/colours.h"
 #include "client/experiment/experiment_config.h"
+#include "client/image/preview.h"
 #include "client/panels.h"
+#include "client/progress.h"
+#include "client/scene/text_proto.h"
 #include "common/files/atomic_file.h"
-#include "common/image/preview.h"
-#include "common/progress.h"
-#include "common/scene/text_proto.h"
 
 namespace itn {
 namespace {

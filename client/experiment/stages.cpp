@@ -6,11 +6,11 @@
 #include <optional>
 
 #include "client/experiment/experiment_config.h"
+#include "client/scene/text_proto.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/files/read_file.h"
 #include "common/scene/scene_bytes.h"
-#include "common/scene/text_proto.h"
 
 namespace itn {
 namespace fs = std::filesystem;

@@ -7,9 +7,9 @@
 #include <limits>
 #include <numbers>
 
+#include "client/geometry/simplified.h"
 #include "client/in_parallel.h"
 #include "common/error.h"
-#include "common/geometry/simplified.h"
 #include "common/image/photograph.h"
 
 namespace itn {

@@ -14,9 +14,9 @@
 #include <utility>
 
 #include "client/import/mitsuba_xml.h"
+#include "client/measured_media.h"
 #include "common/angle.h"
 #include "common/error.h"
-#include "common/measured_media.h"
 #include "common/printable.h"
 #include "common/scene/material_proto.h"
 #include "server/tracer/colour/channel.h"

@@ -11,11 +11,11 @@
 #include <set>
 #include <sstream>
 
+#include "client/image/srgb.h"
 #include "client/import/spectrum.h"
 #include "common/angle.h"
 #include "common/error.h"
 #include "common/files/read_file.h"
-#include "common/image/srgb.h"
 #include "common/printable.h"
 #include "common/vec.h"
 

@@ -13,12 +13,12 @@
 #include <string_view>
 #include <utility>
 
+#include "client/image/background_mask.h"
+#include "client/image/channels.h"
+#include "client/image/mask_parts.h"
+#include "client/image/photograph_file.h"
 #include "client/interrupt.h"
 #include "common/error.h"
-#include "common/image/background_mask.h"
-#include "common/image/channels.h"
-#include "common/image/mask_parts.h"
-#include "common/image/photograph_file.h"
 
 namespace itn {
 namespace {

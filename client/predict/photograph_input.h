@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "client/image/photograph_file.h"
 #include "common/image/photograph.h"
-#include "common/image/photograph_file.h"
 #include "itn/v1/predict.pb.h"
 
 namespace itn {

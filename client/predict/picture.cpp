@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cstddef>
 
-#include "common/image/preview.h"
+#include "client/image/preview.h"
 #include "common/learning/weight_map.h"
 
 namespace itn {

@@ -8,7 +8,7 @@
 #include <string>
 
 #include "client/predict/photograph_input.h"
-#include "common/rpc/client_security.h"
+#include "client/rpc/client_security.h"
 #include "itn/v1/dataset.pb.h"
 #include "itn/v1/predict.pb.h"
 

@@ -9,12 +9,12 @@
 #include <utility>
 
 #include "client/dataset/studio.h"
+#include "client/image/preview.h"
 #include "client/interrupt.h"
 #include "client/render_pool/render_pool.h"
 #include "client/render_pool/render_query.h"
 #include "common/error.h"
 #include "common/geometry/mesh.h"
-#include "common/image/preview.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_bytes.h"

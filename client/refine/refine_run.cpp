@@ -7,13 +7,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "client/image/preview.h"
 #include "client/json.h"
 #include "client/panels.h"
 #include "client/refine/refine_result.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/files/read_file.h"
-#include "common/image/preview.h"
 
 namespace itn {
 namespace fs = std::filesystem;
@@ -76,7 +76,8 @@ void require_same(const v1::RefineState& state, const v1::RefineSettings& wanted
 }
 
 std::string how_far(const v1::RefineState& state) {
-  return fmt::format("{} iterations are done", state.trajectory_size());
+  const int done = state.trajectory_size();
+  return fmt::format("{} {} done", done, done == 1 ? "iteration is" : "iterations are");
 }
 
 Refinement begin_or_continue(const v1::RefineSettings& settings,
@@ -151,7 +152,7 @@ Refinement refine(const v1::RefineSettings& settings, std::span<const Observatio
       state.set_origin(run.origin);
       write_state(run.folder, state);
     }
-    if (run.report) run.report(iteration);
+    if (run.report) run.report(iteration, refinement.trajectory().size());
   }
   return refinement;
 }

@@ -25,7 +25,9 @@ struct RefineRun {
   double seconds_before = 0;
   // Starts of a new run.
   std::function<std::vector<Material>()> starts;
-  std::function<void(const v1::RefineIteration&)> report;  // optional
+  // Called after each iteration with how many are done, those of a run that goes on among them;
+  // optional.
+  std::function<void(const v1::RefineIteration&, size_t done)> report;
 };
 
 // Until it is finished, from where the run in the folder was stopped if there is one. A run that

@@ -18,8 +18,8 @@
 #include "client/render_pool/tiles.h"
 #include "client/render_pool/worker_connection.h"
 #include "client/render_pool/worker_list.h"
+#include "client/rpc/channel.h"
 #include "common/error.h"
-#include "common/rpc/channel.h"
 #include "server/render/render_server.h"
 
 namespace itn {

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "client/render_pool/render_job.h"
-#include "common/rpc/client_security.h"
+#include "client/rpc/client_security.h"
 #include "itn/v1/render.pb.h"
 
 namespace itn {

@@ -3,9 +3,9 @@
 #include <fmt/format.h>
 
 #include "client/render_pool/reply_check.h"
+#include "client/rpc/deadline.h"
 #include "common/error.h"
 #include "common/printable.h"
-#include "common/rpc/deadline.h"
 #include "common/rpc/request_id.h"
 
 namespace itn {

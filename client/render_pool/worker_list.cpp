@@ -15,10 +15,10 @@
 #include <string_view>
 #include <utility>
 
+#include "client/rpc/client_security.h"
 #include "common/error.h"
 #include "common/files/read_file.h"
 #include "common/printable.h"
-#include "common/rpc/client_security.h"
 #include "common/rpc/host_port.h"
 
 namespace itn {

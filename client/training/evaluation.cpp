@@ -6,13 +6,13 @@
 #include <numeric>
 
 #include "client/dataset/sampler.h"
+#include "client/image/ms_ssim.h"
 #include "client/render_pool/render_pool.h"
 #include "client/render_pool/render_query.h"
 #include "client/training/augmentation.h"
 #include "client/training/noise_map.h"
 #include "client/training/shape_bootstrap.h"
 #include "common/error.h"
-#include "common/image/ms_ssim.h"
 #include "common/random.h"
 
 namespace itn {

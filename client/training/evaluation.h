@@ -57,7 +57,7 @@ std::vector<float> rerender(DatasetReader& dataset, RenderPool& pool, const v1::
 // How far renders are from the images that they should be, over some images.
 struct ImageErrors {
   double relative = 0;       // mean of relative_image_error()
-  double dissimilarity = 0;  // mean of 1 - MS-SSIM (common/image/ms_ssim.h)
+  double dissimilarity = 0;  // mean of 1 - MS-SSIM (client/image/ms_ssim.h)
 };
 
 // The errors of the images of these numbers, rendered again with the predictions; black ones count

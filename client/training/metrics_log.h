@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "client/chart.h"
-#include "common/files/line_file.h"
+#include "client/files/line_file.h"
 #include "itn/v1/learning.pb.h"
 
 namespace itn {

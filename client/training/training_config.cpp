@@ -3,9 +3,9 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "client/scene/text_proto.h"
 #include "common/error.h"
 #include "common/files/read_file.h"
-#include "common/scene/text_proto.h"
 
 namespace itn {
 namespace {

@@ -39,11 +39,11 @@ ErrorKind kind_of(grpc::StatusCode code) {
   }
 }
 
-constexpr size_t kMaxBytes = 2000;
+constexpr size_t kMaxMessageBytes = 2000;
 
 // Within what gRPC lets a header take.
 std::string bounded(const std::string& message) {
-  return message.size() > kMaxBytes ? message.substr(0, kMaxBytes) + "..." : message;
+  return message.size() > kMaxMessageBytes ? message.substr(0, kMaxMessageBytes) + "..." : message;
 }
 
 }  // namespace
@@ -105,7 +105,7 @@ std::string status_name(grpc::StatusCode code) {
 }
 
 std::string message_of(const grpc::Status& status) {
-  return printable(status.error_message(), kMaxBytes);
+  return printable(status.error_message(), kMaxMessageBytes);
 }
 
 Error to_error(const grpc::Status& status, const std::string& who) {

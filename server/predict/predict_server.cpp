@@ -2,7 +2,7 @@
 
 #include <utility>
 
-#include "common/rpc/memory_plan.h"
+#include "server/rpc/memory_plan.h"
 
 namespace itn {
 namespace {

@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <memory>
 
-#include "common/rpc/service_server.h"
 #include "server/predict/predict_service.h"
+#include "server/rpc/service_server.h"
 
 namespace itn {
 

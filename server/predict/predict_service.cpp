@@ -12,7 +12,7 @@
 #include "common/learning/predict_reply.h"
 #include "common/printable.h"
 #include "common/rpc/wire_array.h"
-#include "common/rpc/wire_check.h"
+#include "server/rpc/wire_check.h"
 
 namespace itn {
 namespace {

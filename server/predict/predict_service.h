@@ -9,11 +9,11 @@
 #include <string>
 
 #include "common/learning/predictor.h"
-#include "common/rpc/metrics.h"
-#include "common/rpc/queued_call.h"
 #include "itn/v1/predict.grpc.pb.h"
 #include "server/predict/model_store.h"
 #include "server/predict/network_thread.h"
+#include "server/rpc/metrics.h"
+#include "server/rpc/queued_call.h"
 
 namespace itn {
 

@@ -4,8 +4,8 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "common/rpc/service_server.h"
 #include "server/render/render_service.h"
+#include "server/rpc/service_server.h"
 
 namespace itn {
 

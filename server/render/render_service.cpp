@@ -12,9 +12,9 @@
 #include "common/error.h"
 #include "common/rpc/status.h"
 #include "common/rpc/wire_array.h"
-#include "common/rpc/wire_check.h"
 #include "common/scene/scene_bytes.h"
 #include "server/render/render_reply.h"
+#include "server/rpc/wire_check.h"
 #include "server/tracer/film/weighted_image_loss.h"
 #include "server/tracer/scene/value.h"
 

@@ -6,10 +6,10 @@
 #include <cstdint>
 #include <string>
 
-#include "common/rpc/metrics.h"
-#include "common/rpc/queued_call.h"
 #include "itn/v1/render.grpc.pb.h"
 #include "server/render/scene_cache.h"
+#include "server/rpc/metrics.h"
+#include "server/rpc/queued_call.h"
 #include "server/scene_compiler/request_builder.h"
 
 namespace itn {

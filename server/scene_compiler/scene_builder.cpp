@@ -5,10 +5,10 @@
 #include "common/angle.h"
 #include "common/error.h"
 #include "common/part_cache.h"
-#include "common/rpc/wire_check.h"
 #include "common/scene/field_check.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_bytes.h"
+#include "server/rpc/wire_check.h"
 #include "server/scene_compiler/field_reader.h"
 #include "server/scene_compiler/mesh_builder.h"
 

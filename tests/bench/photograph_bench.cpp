@@ -18,11 +18,11 @@
 #include <opencv2/imgproc.hpp>
 
 #include "client/dataset/dataset.h"
+#include "client/image/photograph_file.h"
 #include "client/training/evaluation.h"
 #include "client/training/training_set.h"
 #include "common/error.h"
 #include "common/image/photograph.h"
-#include "common/image/photograph_file.h"
 #include "common/image/square_view.h"
 #include "common/learning/model_files.h"
 #include "common/learning/predictor.h"

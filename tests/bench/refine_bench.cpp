@@ -16,10 +16,10 @@
 #include "client/refine/refinement.h"
 #include "client/render_pool/render_pool.h"
 #include "client/render_pool/reply_images.h"
+#include "client/scene/text_proto.h"
 #include "common/random.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
-#include "common/scene/text_proto.h"
 
 namespace itn {
 namespace {

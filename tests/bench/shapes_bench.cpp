@@ -9,8 +9,8 @@
 #include <cstdint>
 #include <map>
 
-#include "common/geometry/random_shape.h"
-#include "common/geometry/sdf/random_solid.h"
+#include "client/geometry/random_shape.h"
+#include "client/geometry/sdf/random_solid.h"
 
 namespace {
 

@@ -23,11 +23,11 @@
 #include <string>
 #include <vector>
 
+#include "client/geometry/mesh_file.h"
+#include "client/measured_media.h"
 #include "common/geometry/mesh.h"
-#include "common/geometry/mesh_file.h"
 #include "common/geometry/shapes.h"
 #include "common/learning/weight_map.h"
-#include "common/measured_media.h"
 #include "common/scene/scene_bytes.h"
 #include "server/render/render_reply.h"
 #include "server/render/scene_cache.h"

@@ -24,7 +24,7 @@
 #include <utility>
 #include <vector>
 
-#include "common/rpc/deadline.h"
+#include "client/rpc/deadline.h"
 #include "common/rpc/status.h"
 #include "itn/v1/predict.grpc.pb.h"
 #include "itn/v1/render.grpc.pb.h"

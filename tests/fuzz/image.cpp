@@ -1,5 +1,5 @@
 // Image files, as photographs and as masks: OpenEXR, PNG, JPEG, TIFF, Radiance HDR, HEIF, WebP.
-#include "common/image/photograph_file.h"
+#include "client/image/photograph_file.h"
 #include "tests/fuzz/fuzz_target.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {

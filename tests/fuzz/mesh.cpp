@@ -2,8 +2,8 @@
 // files and datasets may ask.
 #include <array>
 
-#include "common/geometry/mesh_file.h"
-#include "common/geometry/mesh_repair.h"
+#include "client/geometry/mesh_file.h"
+#include "client/geometry/mesh_repair.h"
 #include "tests/fuzz/fuzz_target.h"
 #include "tests/support/temporary_folder.h"
 

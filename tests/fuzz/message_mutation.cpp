@@ -10,8 +10,8 @@
 #include <memory>
 #include <vector>
 
+#include "client/scene/text_proto.h"
 #include "common/error.h"
-#include "common/scene/text_proto.h"
 
 // Changes bytes in place, and returns how many there are then: libFuzzer's, or run_corpus.cpp's.
 extern "C" size_t LLVMFuzzerMutate(uint8_t* data, size_t size, size_t max_size);

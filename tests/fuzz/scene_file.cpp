@@ -1,10 +1,10 @@
 // Scene files, with the files that they name; what the client makes of one is built as the worker
 // does.
-#include "common/scene/scene_file.h"
+#include "client/scene/scene_file.h"
+#include "client/geometry/mesh_file.h"
+#include "client/image/image.h"
 #include "client/object_media.h"
-#include "common/geometry/mesh_file.h"
 #include "common/geometry/shapes.h"
-#include "common/image/image.h"
 #include "server/scene_compiler/scene_builder.h"
 #include "tests/fuzz/fuzz_target.h"
 #include "tests/fuzz/message_mutation.h"

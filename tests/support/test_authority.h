@@ -6,8 +6,8 @@
 #include <stdexcept>
 #include <string>
 
-#include "common/rpc/client_security.h"
-#include "common/rpc/server_security.h"
+#include "client/rpc/client_security.h"
+#include "server/rpc/server_security.h"
 #include "tests/support/paths.h"
 #include "tests/support/temporary_folder.h"
 

@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-#include "common/image/image.h"
+#include "client/image/image.h"
 #include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/scene_files.h"

@@ -11,12 +11,12 @@
 #include <vector>
 
 #include "client/dataset/panorama.h"
+#include "client/image/image.h"
 #include "client/json.h"
+#include "client/scene/panorama_file.h"
+#include "client/scene/text_proto.h"
 #include "common/files/read_file.h"
-#include "common/image/image.h"
 #include "common/scene/material_proto.h"
-#include "common/scene/panorama_file.h"
-#include "common/scene/text_proto.h"
 #include "itn/v1/refine.pb.h"
 #include "tests/support/paths.h"
 #include "tests/support/process.h"
@@ -354,7 +354,8 @@ TEST_F(FitCommand, SaysWhatIsWrong) {
   fs::remove_all(folder_->path("out"));
   refuse(command({"--object-size", "45"}), 3, "--focal-length");
   refuse(command({"--focal-length", focal}), 2, "--object-size is required");
-  refuse({kItn, "fit", folder_->path("a.exr"), "-o", folder_->path("out")}, 2, "say --shape");
+  refuse({kItn, "fit", folder_->path("a.exr"), "-o", folder_->path("out")}, 2,
+         "say either --shape");
   const std::string scene = folder_->path("photographed.textproto");
   refuse({kItn, "fit", folder_->path("a.exr"), folder_->path("a.exr"), folder_->path("a.exr"),
           "--scene", scene, "--scene", scene, "-o", folder_->path("out")},
@@ -374,6 +375,8 @@ TEST_F(FitCommand, SaysWhatIsWrong) {
   refuse({kItn, "fit", "--object-size", "45", folder_->path("a.exr"), "--shape", "mug", "-o",
           folder_->path("out")},
          3, "--focal-length");
+  refuse(command({"--object-size", "45", "--focal-length", focal, "--init", "1,2"}), 2,
+         "--init: 1,2");
   refuse(command({"--object-size", "45,20", "--focal-length", focal}), 2,
          "--object-size has 2 numbers");
   refuse(command({"--object-size", "45000", "--focal-length", focal}), 3, "is --object-size right");

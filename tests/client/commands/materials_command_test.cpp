@@ -11,8 +11,8 @@
 #include <variant>
 #include <vector>
 
+#include "client/image/image.h"
 #include "common/files/read_file.h"
-#include "common/image/image.h"
 #include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/scene_files.h"

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "common/image/attributes.h"
-#include "common/image/image.h"
-#include "common/image/preview.h"
+#include "client/image/attributes.h"
+#include "client/image/image.h"
+#include "client/image/preview.h"
 #include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/temporary_folder.h"

@@ -12,8 +12,8 @@
 #include <utility>
 #include <vector>
 
-#include "common/image/image.h"
-#include "common/image/preview.h"
+#include "client/image/image.h"
+#include "client/image/preview.h"
 #include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/temporary_folder.h"

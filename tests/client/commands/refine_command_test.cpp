@@ -12,10 +12,10 @@
 #include <string>
 #include <vector>
 
+#include "client/image/image.h"
+#include "client/image/preview.h"
 #include "client/json.h"
 #include "client/refine/refine_run.h"
-#include "common/image/image.h"
-#include "common/image/preview.h"
 #include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/scene_files.h"

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "common/image/image.h"
+#include "client/image/image.h"
 #include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/temporary_folder.h"

@@ -3,7 +3,7 @@
 #include <fstream>
 
 #include "client/dataset/distribution.h"
-#include "common/scene/text_proto.h"
+#include "client/scene/text_proto.h"
 #include "tests/client/dataset/dataset_support.h"
 
 namespace itn {

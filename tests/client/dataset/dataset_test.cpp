@@ -15,9 +15,9 @@
 
 #include "client/dataset/distribution.h"
 #include "client/dataset/noise.h"
-#include "common/files/folder_lock.h"
-#include "common/image/attributes.h"
-#include "common/image/image.h"
+#include "client/files/folder_lock.h"
+#include "client/image/attributes.h"
+#include "client/image/image.h"
 #include "common/rpc/wire_array.h"
 #include "tests/client/dataset/dataset_support.h"
 

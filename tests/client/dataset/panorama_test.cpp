@@ -10,7 +10,7 @@
 #include "client/dataset/distribution.h"
 #include "client/dataset/item_scene.h"
 #include "client/dataset/panorama_set.h"
-#include "common/image/image.h"
+#include "client/image/image.h"
 #include "common/random.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/scene_bytes.h"

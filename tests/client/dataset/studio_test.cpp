@@ -4,9 +4,9 @@
 #include <numbers>
 
 #include "client/dataset/plan.h"
+#include "client/scene/text_proto.h"
 #include "common/angle.h"
 #include "common/rpc/wire_array.h"
-#include "common/scene/text_proto.h"
 #include "common/vec.h"
 #include "server/tracer/lights/lights.h"
 #include "tests/client/dataset/dataset_support.h"

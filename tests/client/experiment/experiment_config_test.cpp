@@ -3,8 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include "client/scene/text_proto.h"
 #include "common/error.h"
-#include "common/scene/text_proto.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_folder.h"
 

@@ -6,8 +6,8 @@
 #include <utility>
 #include <vector>
 
+#include "client/scene/text_proto.h"
 #include "client/training/evaluation.h"
-#include "common/scene/text_proto.h"
 #include "tests/client/experiment/experiment_fixture.h"
 #include "tests/support/expect_error.h"
 

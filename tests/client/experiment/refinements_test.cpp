@@ -3,9 +3,9 @@
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 
+#include "client/scene/text_proto.h"
 #include "client/training/evaluation.h"
 #include "common/files/atomic_file.h"
-#include "common/scene/text_proto.h"
 #include "tests/client/experiment/experiment_fixture.h"
 #include "tests/support/expect_error.h"
 

@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
+#include "client/geometry/random_shape.h"
 #include "common/error.h"
-#include "common/geometry/random_shape.h"
 #include "common/geometry/shapes.h"
 #include "common/random.h"
 

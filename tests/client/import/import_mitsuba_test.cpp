@@ -7,7 +7,7 @@
 #include <cmath>
 #include <string>
 
-#include "common/scene/text_proto.h"
+#include "client/scene/text_proto.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_folder.h"
 

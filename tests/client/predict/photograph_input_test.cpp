@@ -7,10 +7,10 @@
 #include <filesystem>
 #include <vector>
 
+#include "client/image/image.h"
+#include "client/image/photograph_file.h"
+#include "client/image/preview.h"
 #include "common/error.h"
-#include "common/image/image.h"
-#include "common/image/photograph_file.h"
-#include "common/image/preview.h"
 #include "tests/support/captured_log.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_folder.h"

@@ -7,7 +7,7 @@
 #include <fstream>
 #include <iterator>
 
-#include "common/image/preview.h"
+#include "client/image/preview.h"
 #include "tests/client/predict/decoded_png.h"
 #include "tests/support/temporary_folder.h"
 

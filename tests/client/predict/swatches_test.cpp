@@ -5,10 +5,10 @@
 #include <array>
 #include <vector>
 
+#include "client/scene/text_proto.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_bytes.h"
-#include "common/scene/text_proto.h"
 #include "tests/support/expect_error.h"
 
 namespace itn {

@@ -7,9 +7,9 @@
 
 #include "client/refine/refinement.h"
 #include "client/render_pool/render_pool.h"
+#include "client/scene/text_proto.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
-#include "common/scene/text_proto.h"
 #include "tests/support/statistics.h"
 
 namespace itn {

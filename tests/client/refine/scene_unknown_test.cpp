@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "common/scene/text_proto.h"
+#include "client/scene/text_proto.h"
 #include "tests/support/expect_error.h"
 
 namespace itn {

@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "client/measured_media.h"
 #include "client/render_pool/render_job.h"
-#include "common/measured_media.h"
 #include "tests/support/scenes.h"
 
 namespace itn {

@@ -17,8 +17,8 @@
 #include <string>
 #include <utility>
 
+#include "client/geometry/mesh_file.h"
 #include "common/error.h"
-#include "common/geometry/mesh_file.h"
 #include "common/geometry/shapes.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_folder.h"

@@ -21,8 +21,8 @@
 #include <utility>
 #include <vector>
 
+#include "client/rpc/channel.h"
 #include "common/error.h"
-#include "common/rpc/channel.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_bytes.h"
