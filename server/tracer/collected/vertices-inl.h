@@ -1,4 +1,4 @@
-// Where paths have arrived.
+// The vertices where paths have arrived.
 #if defined(ITN_TRACER_COLLECTED_VERTICES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef ITN_TRACER_COLLECTED_VERTICES_INL_H_
 #undef ITN_TRACER_COLLECTED_VERTICES_INL_H_

@@ -102,8 +102,8 @@ TEST_F(RefineCommand, SaysHowFarItCameWhenItIsInterrupted) {
                   true);
   ASSERT_TRUE(eventually([&] { return fs::exists(shared_->path("interrupted/state.itn")); }));
   process.send(SIGINT);
-  EXPECT_THAT(process.read_stderr(), AllOf(HasSubstr("interrupted; "),
-                                           HasSubstr(" are done, the same command continues")));
+  EXPECT_THAT(process.read_stderr(),
+              AllOf(HasSubstr("interrupted; "), HasSubstr(" done, the same command continues")));
   EXPECT_EQ(process.wait(), 130);
 }
 
