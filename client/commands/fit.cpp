@@ -178,15 +178,6 @@ void warn_if_near(const v1::FitPose& pose, double size) {
 // Files in a folder: the options of its fit, and its poses, a FitResult without results.
 constexpr const char *kOptionsFile = "options.txt", *kPosesFile = "poses.textproto";
 
-// What a fit of several photographs has of each.
-fs::path file_of(const fs::path& folder, const std::string& stem, const std::string& extension,
-                 const FitOptions& options, size_t i) {
-  return folder / (options.images.size() == 1 ? stem + extension
-                                              : fmt::format("{}_{}{}", stem, i, extension));
-}
-fs::path photograph_file(const fs::path& folder, const FitOptions& options, size_t i) {
-  return file_of(folder, "photograph", ".exr", options, i);
-}
 fs::path scene_file(const fs::path& folder, const FitOptions& options, size_t i) {
   return file_of(folder, "scene", ".textproto", options, i);
 }

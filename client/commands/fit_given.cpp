@@ -68,9 +68,7 @@ void prepare_given_scenes(const FitOptions& options, const fs::path& folder,
     }
     image.channels["mask.Y"] = marked.mask;
     allow_for_likeness(marked.mask, image.width, name, options.shape_error, refine);
-    const fs::path file =
-        folder /
-        fmt::format("photograph{}.exr", options.images.size() == 1 ? "" : fmt::format("_{}", i));
+    const fs::path file = photograph_file(folder, options, i);
     write_exr(file, image);
     refine.images.push_back(file.string());
   }

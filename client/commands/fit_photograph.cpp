@@ -204,6 +204,16 @@ FitPhotograph load_fit_photograph(const std::string& name, const FitOptions& opt
   return photograph;
 }
 
+fs::path file_of(const fs::path& folder, const std::string& stem, const std::string& extension,
+                 const FitOptions& options, size_t i) {
+  return folder / (options.images.size() == 1 ? stem + extension
+                                              : fmt::format("{}_{}{}", stem, i, extension));
+}
+
+fs::path photograph_file(const fs::path& folder, const FitOptions& options, size_t i) {
+  return file_of(folder, "photograph", ".exr", options, i);
+}
+
 PinholeView view_of(const FitPhotograph& photograph, int side) {
   const double by = static_cast<double>(side) / photograph.square.side;
   return {photograph.focal * by, (0.5 * photograph.width - photograph.square.left) * by,

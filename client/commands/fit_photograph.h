@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
@@ -51,6 +52,14 @@ FitPhotograph load_fit_photograph(const std::string& name, const FitOptions& opt
 // (invalid input) if neither says it.
 double focal_in_pixels(const PhotographContent& content, const std::string& name,
                        std::optional<double> length_35mm);
+
+// STEM.EXT in the folder of a fit, or one of those that it has of each of several photographs:
+// STEM_0.EXT and so on.
+std::filesystem::path file_of(const std::filesystem::path& folder, const std::string& stem,
+                              const std::string& extension, const FitOptions& options, size_t i);
+// The photograph as it was compared.
+std::filesystem::path photograph_file(const std::filesystem::path& folder,
+                                      const FitOptions& options, size_t i);
 
 // The camera of the photograph in an image of the square, of another side.
 PinholeView view_of(const FitPhotograph& photograph, int side);

@@ -39,6 +39,6 @@ faults = [f"{file}: {SIDES[file in by_client]}/ alone reaches it; it belongs the
 faults += [f"tests/style/sides.py: both sides reach {file}, or none" for file in ONE_SIDED.keys() - (by_server ^ by_client)]
 for file, included in includes.items():
     below = ("server/", "client/") if file.startswith("common/") else ("client/",) if file.startswith("server/") else ()
-    faults += [f"{file}: it must not include {other}" for other in included if other.startswith(below)] if below else []
+    faults += [f"{file}: it must not include {other}" for other in included if other.startswith(below)]
 print("\n".join(faults))
 sys.exit(1 if faults else 0)

@@ -60,6 +60,15 @@ struct Light {
   Floats by_edges;  // what edges bring that the paths have followed; 0 where none are
 };
 
+// Which of the request's derivatives are of a kind.
+inline std::vector<size_t> derivatives_of(const RenderRequest& request, Parameter::Kind kind) {
+  std::vector<size_t> numbers;
+  for (size_t d = 0; d < request.derivatives.size(); ++d) {
+    if (request.derivatives[d].kind == kind) numbers.push_back(d);
+  }
+  return numbers;
+}
+
 // Writes what the path in a slot has collected: a column for each of the request's derivatives with
 // these numbers.
 inline void record_derivatives(const std::vector<size_t>& derivatives,

@@ -42,14 +42,13 @@ class LightPlaces {
     std::array<OutlineRays, 4> rays;
   };
 
-  LightPlaces(const Scene::Compiled& scene, const RenderRequest& request) {
+  LightPlaces(const Scene::Compiled& scene, const RenderRequest& request)
+      : by_place_(derivatives_of(request, Parameter::kLightPlace)) {
     std::vector<size_t> lights;
-    for (size_t d = 0; d < request.derivatives.size(); ++d) {
+    for (const size_t d : by_place_) {
       const Parameter& parameter = request.derivatives[d];
-      if (parameter.kind != Parameter::kLightPlace) continue;
       const size_t slot = slots_of<LightDescription>()[parameter.slot].number;
       lights.push_back(parameter.index);
-      by_place_.push_back(d);
       axes_.push_back(scene.lights.described(parameter.index).axes[slot]);
     }
     collected_.resize(axes_.size());
@@ -81,7 +80,7 @@ class LightPlaces {
   }
 
  private:
-  std::vector<size_t> by_place_;  // which of the request's derivatives
+  const std::vector<size_t> by_place_;  // which of the request's derivatives
   std::vector<Vec3f> axes_;
   std::vector<Outlined> outlined_;
   FloatStates<> collected_;

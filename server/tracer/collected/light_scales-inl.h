@@ -22,12 +22,9 @@ namespace itn::tracer::HWY_NAMESPACE {
 // sends.
 class LightScales {
  public:
-  explicit LightScales(const RenderRequest& request) {
-    for (size_t d = 0; d < request.derivatives.size(); ++d) {
-      if (request.derivatives[d].kind != Parameter::kLightScale) continue;
-      by_scale_.push_back(d);
-      lights_.push_back(request.derivatives[d].index);
-    }
+  explicit LightScales(const RenderRequest& request)
+      : by_scale_(derivatives_of(request, Parameter::kLightScale)) {
+    for (const size_t d : by_scale_) lights_.push_back(request.derivatives[d].index);
     collected_.resize(lights_.size());
   }
 
@@ -47,7 +44,7 @@ class LightScales {
   }
 
  private:
-  std::vector<size_t> by_scale_;  // which of the request's derivatives
+  const std::vector<size_t> by_scale_;  // which of the request's derivatives
   std::vector<size_t> lights_;
   FloatStates<> collected_;
 };

@@ -40,10 +40,8 @@ class MediumDerivatives {
       : asked_(asks_for_medium(request)),
         per_sigma_t_(1 / static_cast<float>(request.material.sigma_t)) {
     if (!request.colours.empty()) return;
-    for (size_t d = 0; d < request.derivatives.size(); ++d) {
-      if (request.derivatives[d].kind == Parameter::kSigmaT) by_sigma_t_.push_back(d);
-      if (request.derivatives[d].kind == Parameter::kAlbedo) by_albedo_.push_back(d);
-    }
+    by_sigma_t_ = derivatives_of(request, Parameter::kSigmaT);
+    by_albedo_ = derivatives_of(request, Parameter::kAlbedo);
   }
 
   auto columns() { return std::tie(d_weight_, score_, d_sigma_t_, d_albedo_, control_); }

@@ -25,11 +25,10 @@ namespace itn::tracer::HWY_NAMESPACE {
 // of W, and W times the slope of the reflectance where the factor is that reflectance.
 class Reflectances {
  public:
-  Reflectances(const Scene::Compiled& scene, const RenderRequest& request) {
-    for (size_t d = 0; d < request.derivatives.size(); ++d) {
+  Reflectances(const Scene::Compiled& scene, const RenderRequest& request)
+      : derivatives_(derivatives_of(request, Parameter::kReflectance)) {
+    for (const size_t d : derivatives_) {
       const Parameter& parameter = request.derivatives[d];
-      if (parameter.kind != Parameter::kReflectance) continue;
-      derivatives_.push_back(d);
       asked_.push_back({scene.obstacles.surfaces.triangles_of(parameter.index),
                         scene.surfaces[parameter.index].reflectance,
                         slots_of<Reflectance>()[parameter.slot].number});
@@ -81,7 +80,7 @@ class Reflectances {
     const Reflectance& reflectance;
     size_t slot;  // in the reflectance's kind
   };
-  std::vector<size_t> derivatives_;  // which of the request's
+  const std::vector<size_t> derivatives_;  // which of the request's
   std::vector<Asked> asked_;
   FloatStates<> d_weight_, collected_;
 };

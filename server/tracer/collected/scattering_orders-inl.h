@@ -22,12 +22,9 @@ namespace itn::tracer::HWY_NAMESPACE {
 // The radiance is linear in the scale of what was scattered K times: its derivative is that part.
 class ScatteringOrders {
  public:
-  explicit ScatteringOrders(const RenderRequest& request) {
-    for (size_t d = 0; d < request.derivatives.size(); ++d) {
-      if (request.derivatives[d].kind != Parameter::kScattered) continue;
-      derivatives_.push_back(d);
-      orders_.push_back(request.derivatives[d].index);
-    }
+  explicit ScatteringOrders(const RenderRequest& request)
+      : derivatives_(derivatives_of(request, Parameter::kScattered)) {
+    for (const size_t d : derivatives_) orders_.push_back(request.derivatives[d].index);
     count_.resize(orders_.empty() ? 0 : 1);
     collected_.resize(orders_.size());
   }
@@ -54,7 +51,7 @@ class ScatteringOrders {
   }
 
  private:
-  std::vector<size_t> derivatives_;  // which of the request's
+  const std::vector<size_t> derivatives_;  // which of the request's
   std::vector<uint32_t> orders_;
   UintStates count_;  // of scatterings so far
   FloatStates<> collected_;

@@ -6,7 +6,6 @@
 #define ITN_TRACER_COLLECTED_SCORES_INL_H_
 #endif
 
-#include <algorithm>
 #include <cstddef>
 #include <optional>
 #include <tuple>
@@ -29,23 +28,23 @@ namespace itn::tracer::HWY_NAMESPACE {
 class Scores {
  public:
   Scores(const Scene::Compiled& scene, const RenderRequest& request)
-      : camera_score_(scene.camera_score), index_(differentiated_index(request, scene.boundary)) {
+      : camera_score_(scene.camera_score) {
+    const std::vector<size_t> in_phase = derivatives_of(request, Parameter::kPhase);
+    const std::vector<size_t> in_boundary = derivatives_of(request, Parameter::kBoundary);
     if (asks_for_medium(request)) phase_count_ = slot_count(phase_of(request));
-    const bool asks_for_boundary =
-        std::any_of(request.derivatives.begin(), request.derivatives.end(),
-                    [](const Parameter& p) { return p.kind == Parameter::kBoundary; });
-    of_path_.resize(phase_count_ + (asks_for_boundary ? slot_count(scene.boundary) : 0));
+    of_path_.resize(phase_count_ + (in_boundary.empty() ? 0 : slot_count(scene.boundary)));
+    if (const auto index = differentiated_index(request, scene.boundary)) {
+      index_score_ = phase_count_ + *index;
+    }
     if (!request.colours.empty()) return;  // Colours collects
     collected_.resize(of_path_.size());
     control_.resize(phase_count_);
-    for (size_t d = 0; d < request.derivatives.size(); ++d) {
-      const Parameter& parameter = request.derivatives[d];
-      if (parameter.kind == Parameter::kPhase) {
-        derivatives_.push_back({d, slots_of<PhaseFunction>()[parameter.slot].number});
-      }
-      if (parameter.kind == Parameter::kBoundary) {
-        derivatives_.push_back({d, phase_count_ + slots_of<Boundary>()[parameter.slot].number});
-      }
+    const auto slot_of = [&](size_t d) { return request.derivatives[d].slot; };
+    for (const size_t d : in_phase) {
+      derivatives_.push_back({d, slots_of<PhaseFunction>()[slot_of(d)].number});
+    }
+    for (const size_t d : in_boundary) {
+      derivatives_.push_back({d, phase_count_ + slots_of<Boundary>()[slot_of(d)].number});
     }
   }
 
@@ -53,15 +52,18 @@ class Scores {
   size_t count() const { return of_path_.size(); }
   size_t phase_count() const { return phase_count_; }
   // The number of the score in the boundary's index, if that is differentiated.
-  std::optional<size_t> index_score() const {
-    return index_ ? std::optional(phase_count_ + *index_) : std::nullopt;
-  }
-  // The sum of a score along the paths so far.
+  std::optional<size_t> index_score() const { return index_score_; }
+  // The sum of a score along the paths so far; and of all scores, along those in some slots.
   const FloatColumn& of_path(size_t s) const { return of_path_[s]; }
+  HWY_INLINE PathScores of_paths(const SlotGather& at) const {
+    PathScores scores;
+    for (size_t s = 0; s < count(); ++s) scores.of[s] = at.get(of_path_[s]);
+    return scores;
+  }
 
   auto columns() { return std::tie(of_path_, collected_, control_); }
   void begin(size_t slot) {
-    if (index_) of_path_[phase_count_ + *index_][slot] = camera_score_;
+    if (index_score_) of_path_[*index_score_][slot] = camera_score_;
   }
 
   // Paths in slots i, i + 1 ... turn by these scores. Those of the phase function have a control
@@ -85,7 +87,7 @@ class Scores {
     for (size_t s = 0; s < collected_.size(); ++s) {
       light.at.add(light.contribution * light.scores.of[s], collected_[s]);
     }
-    if (index_) light.at.add(light.by_edges, collected_[phase_count_ + *index_]);
+    if (index_score_) light.at.add(light.by_edges, collected_[*index_score_]);
   }
 
   void record(size_t slot, float expected, PathEstimate& estimate) const {
@@ -101,8 +103,8 @@ class Scores {
   };
 
   const float camera_score_;
-  const std::optional<size_t> index_;  // among the boundary's slots
   size_t phase_count_ = 0;
+  std::optional<size_t> index_score_;
   std::vector<Derivative> derivatives_;
   FloatStates<> of_path_, collected_, control_;
 };

@@ -115,9 +115,7 @@ inline void add_emission(Wavefront& wave, Ints slots, Mask live) {
   if (wave.part_count > 0) {
     find_parts(wave, direction, lamp_seen(wave.scene.lights, from, direction), parts);
   }
-  const Scores& of_paths = wave.collected.scores;
-  PathScores scores;
-  for (size_t s = 0; s < of_paths.count(); ++s) scores.of[s] = at.get(of_paths.of_path(s));
+  const PathScores scores = wave.collected.scores.of_paths(at);
   if (wave.collected.colours.asked()) {
     at.add(wave.collected.colours.add(
                at, hn::Zero(FloatTag()), [&](size_t c) { return arriving * parts.of[c]; }, scores),

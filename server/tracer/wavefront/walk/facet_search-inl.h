@@ -130,8 +130,8 @@ inline void keep_searching(Wavefront& wave, SentRays& sent, size_t i, Mask where
     }
   } else {
     keep(sent.odds);
-    for (VectorColumn* column : {&sent.exit_place, &sent.exit_direction}) keep(*column);
-    for (UintColumn* column : {&sent.facet, &sent.shadow_ray}) keep(*column);
+    keep(wave.boundary_is_delta ? sent.exit_place : sent.exit_direction);
+    keep(wave.boundary_is_delta ? sent.facet : sent.shadow_ray);
   }
   append(load(sent.origin, i), sent.rays.position);
   for (VectorColumn* column : {&sent.origin, &sent.target}) keep(*column);

@@ -9,10 +9,8 @@
 #include <algorithm>
 #include <cstddef>
 #include <numbers>
-#include <optional>
 #include <vector>
 
-#include "common/fields.h"
 #include "server/tracer/collected/collected-inl.h"
 #include "server/tracer/collected/media-inl.h"
 #include "server/tracer/film/film_writer.h"
