@@ -84,7 +84,7 @@ NamedMaterial from_refinement(std::vector<std::string> folders) {
     folders.clear();
     for (const char* colour : kRgb) folders.push_back((first / colour).string());
   }
-  NamedMaterial result{.name = "refined", .source = "itn refine"};
+  NamedMaterial result{.name = "refined", .source = "a photograph, by itn"};
   std::vector<double> indices, roughnesses;
   for (const std::string& folder : folders) {
     const std::filesystem::path file = std::filesystem::path(folder) / kRefineResultFile;

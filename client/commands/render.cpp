@@ -739,7 +739,8 @@ void add_render_command(CLI::App& app) {
             for (const std::string& text : texts) options->values.push_back(named_value(text));
           },
           "NAME=VALUE: a number of the scene instead of that in its file, by the name of its "
-          "derivative, as light[0].scale=2 or rough_dielectric.index=1.4. May be repeated")
+          "derivative, as light[0].scale=2 or rough_dielectric.index=1.4; none of the medium, "
+          "which --sigma-t and so on set. May be repeated")
       ->allow_extra_args(false);
   command->add_option("--estimates", options->estimates, "Independent estimates, as further layers")
       ->check(number_in(1U, 16U))

@@ -151,7 +151,8 @@ void add_misfit(const Descent& descent, uint32_t block, v1::RefineResult& result
   result.set_misfit(is_large || hangs_together);
   if (structure.is_known()) result.set_shared_difference(structure.relative());
   if (noise > 0 || result.misfit()) return;
-  const std::string unsaid = "the image does not say how noisy it is (stderr.Y)";
+  const std::string unsaid =
+      "nothing says how noisy the image is, as an EXR's layer stderr.Y would";
   if (structure.is_known()) {
     result.add_remarks(unsaid +
                        ": a difference to the renders would be told where it hangs together over "

@@ -70,7 +70,7 @@ bool CallScheduler::drain(duration<double> patience) {
   // Others are answered, and gRPC is about to be done with them.
   const auto unanswered = std::count_if(
       calls_.begin(), calls_.end(), [](const QueuedCall* call) { return call->answered_ == 0; });
-  if (unanswered > 0) {
+  if (unanswered > 0 && patience.count() > 0) {
     spdlog::info("stopping {} {} not done within {} s", unanswered,
                  unanswered == 1 ? "call that is" : "calls that are", patience.count());
   }

@@ -1,21 +1,7 @@
 // The list of boundaries of the medium. A kind is a file, as dielectric.h, an entry here, and a
-// message in the Object of itn/v1/scene.proto. It says its fields (common/fields.h), of which at
-// most kMaxBoundarySlots are slots, and
-//   kStopsLines       whether it does anything; else a line runs through any number of entries and
-//                     exits in one go
-//   kDelta            whether the directions that it draws have no density
-//   relative_index()  of refraction, of the medium, relative to what is around it
-//   refraction_spread()
-//                     where it refracts: of light that comes in on a line, how wide it is inside,
-//                     the median angle in radians, roughly
-//   compile()         itself with what it computes beforehand
-// and computes, for many paths at a time (boundary/crossing-inl.h),
-//   draw(kind, crossing, words)       how they go on
-//   evaluate(kind, crossing, to)      unless it is a delta: what light from a direction brings them
-//   transmit(kind, crossing)          of a delta that refracts: where to, without a draw
-//   edge(kind, crossing, u)           of one with a kIndexSlot, where derivatives in the index and
-//                                     the normal are known: a direction where value ends and is
-//                                     not 0
+// message in the Object of itn/v1/scene.proto. A kind has what BoundaryKind and BoundaryMaths list,
+// and its fields (common/fields.h), of which at most kMaxBoundarySlots are slots; kIndexSlot is
+// that of the index, if it has one.
 //
 // At a boundary that stops lines, a crossing is a vertex of the path. Shadow rays end there and
 // bring nothing, as the straight line to the light is not a path of light: only from vertices
@@ -26,6 +12,7 @@
 //
 // A path that crosses more than kMaxConsecutiveCrossings times in a row, without scattering or
 // reflection by a surface in between, counts as trapped by rounding, and is dropped as leaked.
+#include <concepts>
 #include <cstdint>
 #include <optional>
 #include <variant>
@@ -45,16 +32,30 @@ using Boundary = std::variant<IndexMatched, PartialMirror, Dielectric, RoughDiel
 
 constexpr uint32_t kMaxConsecutiveCrossings = 1000000;
 
+template <typename Kind>
+concept BoundaryKind = requires(const Kind& kind) {
+  // Whether it does anything; else a line runs through any number of entries and exits in one go.
+  { Kind::kStopsLines } -> std::same_as<const bool&>;
+  // Whether the directions that it draws have no density.
+  { Kind::kDelta } -> std::same_as<const bool&>;
+  // The medium's index of refraction, relative to what is around it.
+  { kind.relative_index() } -> std::same_as<double>;
+  // Itself with what it computes beforehand.
+  { kind.compile() } -> std::same_as<Kind>;
+};
+// A kind that refracts says how wide light is inside that comes in on a line: the median angle in
+// radians, roughly.
+template <typename Kind>
+concept Refracting = requires(const Kind& kind) {
+  { kind.refraction_spread() } -> std::same_as<double>;
+};
+
 inline bool stops_lines(const Boundary& boundary) {
-  return std::visit([](const auto& kind) { return kind.kStopsLines; }, boundary);
+  return std::visit([](const BoundaryKind auto& kind) { return kind.kStopsLines; }, boundary);
 }
 inline bool is_delta(const Boundary& boundary) {
   return std::visit([](const auto& kind) { return kind.kDelta; }, boundary);
 }
-template <typename Kind>
-concept Refracting = requires(const Kind& kind) {
-  kind.refraction_spread();
-};
 inline bool refracts(const Boundary& boundary) {
   return std::visit([]<typename Kind>(const Kind&) { return Refracting<Kind>; }, boundary);
 }
@@ -105,11 +106,40 @@ inline double relative_index(const Boundary& boundary) {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
+// What a kind computes, for many paths at a time.
+template <typename Kind>
+concept DrawnBoundary = requires(const Kind& kind, const Crossing& at, const Words& words) {
+  // How paths go on.
+  { draw(kind, at, words) } -> std::same_as<BoundaryDraw>;
+};
+template <typename Kind>
+concept BoundaryWithDensity = requires(const Kind& kind, const Crossing& at, Vectors to) {
+  // What light from a direction brings the paths, and the density with which `draw` takes it.
+  { evaluate(kind, at, to) } -> std::same_as<BoundaryValue>;
+};
+template <typename Kind>
+concept TransmittingDelta = requires(const Kind& kind, const Crossing& at) {
+  // Where paths go that cross, without a draw.
+  { transmit(kind, at) } -> std::same_as<Transmission>;
+};
+template <typename Kind>
+concept BoundaryWithEdge = requires(const Kind& kind, const Crossing& at, Floats u) {
+  // A direction, drawn by u, where the value ends and is not 0, for derivatives in index and
+  // normal.
+  { edge(kind, at, u) } -> std::same_as<BoundaryEdge>;
+};
+template <typename Kind>
+concept BoundaryMaths = (!Kind::kStopsLines || DrawnBoundary<Kind>)&&(
+    Kind::kDelta || BoundaryWithDensity<Kind>)&&(!Kind::kDelta || !Refracting<Kind> ||
+                                                 TransmittingDelta<Kind>)&&(!requires {
+  Kind::kIndexSlot;
+} || BoundaryWithEdge<Kind>);
+
 // By the normal that the crossing says, as if it were that of the triangle.
 HWY_INLINE BoundaryValue evaluate_flat(const Boundary& boundary, const Crossing& at, Vectors to) {
   const Floats zero = hn::Zero(FloatTag());
   BoundaryValue result{zero, zero, {zero}};
-  visit_kind(boundary, [&]<typename Kind>(const Kind& kind) {
+  visit_kind(boundary, [&]<BoundaryMaths Kind>(const Kind& kind) {
     if constexpr (!Kind::kDelta) result = evaluate(kind, at, to);
   });
   return result;

@@ -1,19 +1,6 @@
 // What paths collect beside their radiance. A kind of it is a class in a file of this folder, and
-// an entry of the list below; events-inl.h, media-inl.h, vertices-inl.h and state_columns.h are
-// what kinds and the walk share. All of its functions but columns() may be left out:
-//
-//   columns()                    the columns that begin and move with a path
-//   weights()                    those of them that take every factor of a path's weight W, but for
-//                                those of vertices
-//   begin(slot), move(from, to)  what it knows of paths beside columns begins and moves
-//   on_vertex(at)                takes the vertices' factors into its weights
-//   on_flight(flight)            takes what a flight makes of scores
-//   on_light(light)              collects light that arrives
-//   importance(least, i)         what the paths are worth to it, or `least` if that is more: for
-//                                the roulette (path_importance)
-//   throughput(least, i)         the same for the roulette that other path tracers play
-//   record(slot, expected, estimate)  writes what the path in a slot has collected; `expected` is
-//                                the radiance of its pixel (PathSample), for control variates
+// an entry of the list below, and has what CollectedKind lists; events-inl.h, media-inl.h,
+// vertices-inl.h and state_columns.h are what kinds and the walk share.
 #if defined(ITN_TRACER_COLLECTED_COLLECTED_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef ITN_TRACER_COLLECTED_COLLECTED_INL_H_
 #undef ITN_TRACER_COLLECTED_COLLECTED_INL_H_
@@ -21,6 +8,7 @@
 #define ITN_TRACER_COLLECTED_COLLECTED_INL_H_
 #endif
 
+#include <concepts>
 #include <cstddef>
 #include <optional>
 
@@ -37,6 +25,56 @@
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
+
+// All functions but columns() may be left out. One that a kind has, and that does not take what it
+// is given here, is refused, as it would never be called.
+template <typename Kind>
+concept CollectedKind =
+    // The columns that begin and move with a path.
+    requires(Kind& kind) {
+  kind.columns();
+}
+&&
+    // What it knows of paths beside columns begins in a slot, and moves from one to another.
+    (
+        !requires { &Kind::begin; } || requires(Kind & kind, size_t slot) { kind.begin(slot); }) &&
+    (
+        !requires { &Kind::move; } ||
+        requires(Kind & kind, size_t from) { kind.move(from, from); }) &&
+    // Those columns that take every factor of a path's weight W, but for those of vertices.
+    (
+        !requires { &Kind::weights; } || requires(Kind & kind) { kind.weights(); }) &&
+    // Takes the vertices' factors into its weights.
+    (
+        !requires { &Kind::on_vertex; } ||
+        requires(Kind & kind, const AtVertex& at) { kind.on_vertex(at); }) &&
+    // Takes what a flight makes of scores.
+    (
+        !requires { &Kind::on_flight; } ||
+        requires(Kind & kind, const Flight& flight) { kind.on_flight(flight); }) &&
+    // Collects light that arrives.
+    (
+        !requires { &Kind::on_light; } ||
+        requires(Kind & kind, const Light& light) { kind.on_light(light); }) &&
+    // What the paths in slots i, i + 1 ... are worth to it, or `least` if that is more: for the
+    // roulette (path_importance), and for the one that other path tracers play.
+    (
+        !requires { &Kind::importance; } ||
+        requires(const Kind& kind, Floats least, size_t i) {
+          { kind.importance(least, i) } -> std::same_as<Floats>;
+        }) &&
+    (
+        !requires { &Kind::throughput; } ||
+        requires(const Kind& kind, Floats least, size_t i) {
+          { kind.throughput(least, i) } -> std::same_as<Floats>;
+        }) &&
+    // Writes what the path in a slot has collected; `expected` is the radiance of its pixel
+    // (PathSample), for control variates.
+    (
+        !requires { &Kind::record; } ||
+        requires(Kind & kind, size_t slot, float expected, PathEstimate& estimate) {
+          kind.record(slot, expected, estimate);
+        });
 
 struct Collected {
   Collected(const Scene::Compiled& scene, const RenderRequest& request, FilmWriter& film)
@@ -78,7 +116,7 @@ struct Collected {
   }
 
   void begin(size_t slot) {
-    for_each(*this, [&](auto& kind) {
+    for_each(*this, [&](CollectedKind auto& kind) {
       begin_columns(kind.columns(), slot);
       if constexpr (requires { kind.begin(slot); }) kind.begin(slot);
     });

@@ -6,6 +6,8 @@
 #define ITN_TRACER_LIGHTS_LIGHTS_INL_H_
 #endif
 
+#include <concepts>
+
 #include "server/tracer/lights/kinds.h"
 #include "server/tracer/lights/light-inl.h"
 #include "server/tracer/lights/lights.h"
@@ -14,10 +16,47 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
+// What a kind computes, for many places or unit directions at a time. Who follows one path at a
+// time has one lane.
+template <typename Kind>
+concept DeltaLight = requires(const Kind& kind, Vectors from) {
+  // What it sends to places.
+  { beam(kind, from) } -> std::same_as<Beam>;
+};
+// A light that is far away. One that was compiled for kRgb may have colours(kind, d), its radiance
+// in red, green and blue where it is, if that differs.
+template <typename Kind>
+concept DistantLight = requires(const Kind& kind, Vectors d, const LightUniforms& u) {
+  // Radiance, and the density per steradian with which `sample` draws d.
+  { emission(kind, d) } -> std::same_as<Emission>;
+  // A direction towards it.
+  { sample(kind, u) } -> std::same_as<Vectors>;
+};
+// A lamp that paths meet, which is black to other light and hides what is behind it.
+template <typename Kind>
+concept LampMaths = requires(const Kind& kind, Vectors from, Vectors d, const LightUniforms& u) {
+  // How it is seen in a direction.
+  { look(kind, from, d) } -> std::same_as<Appearance>;
+  // A direction towards it.
+  { draw(kind, from, u) } -> std::same_as<LampDraw>;
+  // What `draw` makes, in a place `other`, of the numbers that make d of it here.
+  { redraw(kind, from, d, from) } -> std::same_as<Vectors>;
+};
+// A light whose place or direction has derivatives, and that is no delta.
+template <typename Kind>
+concept OutlinedLight = requires(const Kind& kind, Vectors from, Floats u, bool opposite) {
+  // A place of its outline that u draws, or the one across from it, the other of the pair.
+  { outline(kind, from, u, opposite) } -> std::same_as<Outline>;
+};
+template <typename Kind>
+concept LightMaths = (Kind::kDelta && DeltaLight<Kind>) ||
+                     (!Kind::kDelta && Kind::kDistant && DistantLight<Kind>) ||
+                     (VisibleLamp<Kind> && LampMaths<Kind>);
+
 // One light, if it is far away and no delta.
 HWY_INLINE Emission emission(const Lights::Light& light, Vectors d) {
   Emission result{hn::Zero(FloatTag()), hn::Zero(FloatTag())};
-  visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
+  visit_kind(light.kind, [&]<LightMaths Kind>(const Kind& kind) {
     if constexpr (Kind::kDistant && !Kind::kDelta) result = emission(kind, d);
   });
   return result;

@@ -1,8 +1,7 @@
 // The list of phase functions. A kind is a file, as two_term.h, an entry here, and a message in the
-// PhaseFunction of itn/v1/render.proto. It says its fields (common/fields.h), of which at most
-// kMaxPhaseSlots are slots, and its mean_cosine(); and computes, for many angles at a time,
-//   evaluate(kind, cosine)    value and scores (phase_value-inl.h)
-//   sample_cosine(kind, u)    a cosine that is distributed so, from a uniform number in [0, 1)
+// PhaseFunction of itn/v1/render.proto. A kind has what PhaseFunctionKind and PhaseFunctionMaths
+// list, and its fields (common/fields.h), of which at most kMaxPhaseSlots are slots.
+#include <concepts>
 #include <variant>
 
 #include "server/tracer/phase/henyey_greenstein.h"
@@ -16,6 +15,15 @@
 namespace itn::tracer {
 
 using PhaseFunction = std::variant<HenyeyGreenstein, TwoTerm, VonMisesFisher>;
+
+template <typename Kind>
+concept PhaseFunctionKind = requires(const Kind& kind) {
+  { kind.mean_cosine() } -> std::same_as<double>;
+};
+
+inline double mean_cosine(const PhaseFunction& phase) {
+  return std::visit([](const PhaseFunctionKind auto& kind) { return kind.mean_cosine(); }, phase);
+}
 
 }  // namespace itn::tracer
 
@@ -34,10 +42,19 @@ using PhaseFunction = std::variant<HenyeyGreenstein, TwoTerm, VonMisesFisher>;
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
+// What a kind computes, for many angles at a time.
+template <typename Kind>
+concept PhaseFunctionMaths = requires(const Kind& kind, Floats cosine, Floats u) {
+  // The density per steradian of angles with that cosine, and its scores.
+  { evaluate(kind, cosine) } -> std::same_as<PhaseValue>;
+  // A cosine that is distributed so, from a uniform number in [0, 1).
+  { sample_cosine(kind, u) } -> std::same_as<Floats>;
+};
+
 HWY_INLINE PhaseValue evaluate(const PhaseFunction& phase, Floats cosine) {
   const Floats zero = hn::Zero(FloatTag());
   PhaseValue result{zero, {zero, zero, zero}};
-  visit_kind(phase, [&](const auto& kind) { result = evaluate(kind, cosine); });
+  visit_kind(phase, [&](const PhaseFunctionMaths auto& kind) { result = evaluate(kind, cosine); });
   return result;
 }
 

@@ -252,7 +252,7 @@ std::optional<size_t> differentiated_index(const RenderRequest& request, const B
 
 double mean_cosine(const RenderRequest& request) {
   if (!request.phase) return request.material.g;
-  return std::visit([](const auto& kind) { return kind.mean_cosine(); }, *request.phase);
+  return mean_cosine(*request.phase);
 }
 
 size_t gradient_numbers(const RenderRequest& request, const Scene& scene) {

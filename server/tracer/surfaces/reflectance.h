@@ -1,11 +1,8 @@
 // The list of reflectances of surfaces. A kind is a file, as checkerboard.h, an entry here, and a
-// message in the Surface of itn/v1/scene.proto. It says its fields (common/fields.h) and
-//   memory()                            of what it holds elsewhere, if it does
-//   compile(pose, channel)              itself in the coordinates of the object, for a film's
-//   channel
-// and computes, at many points of surfaces at a time, in mm,
-//   reflectance_at(kind, p)
-//   reflectance_slope(kind, slot, p)    its derivative in one of its slots
+// message in the Surface of itn/v1/scene.proto. A kind has what ReflectanceKind and
+// ReflectanceMaths list, its fields (common/fields.h), and memory(), in bytes, if it holds
+// something elsewhere.
+#include <concepts>
 #include <variant>
 
 #include "server/tracer/surfaces/checkerboard.h"
@@ -21,9 +18,15 @@ namespace itn::tracer {
 using Reflectance =
     std::variant<UniformReflectance, Checkerboard, ImageReflectance, ColorReflectance>;
 
+template <typename Kind>
+concept ReflectanceKind = requires(const Kind& kind, const Pose& pose, Channel channel) {
+  // Itself in the coordinates of the object, for a film's channel.
+  { kind.compile(pose, channel) } -> std::same_as<Kind>;
+};
+
 inline size_t memory_of(const Reflectance& reflectance) {
   return std::visit(
-      [](const auto& kind) -> size_t {
+      [](const ReflectanceKind auto& kind) -> size_t {
         if constexpr (requires { kind.memory(); }) return kind.memory();
         return 0;
       },
@@ -47,9 +50,18 @@ inline size_t memory_of(const Reflectance& reflectance) {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
+// What a kind computes, at many points of surfaces at a time, in mm.
+template <typename Kind>
+concept ReflectanceMaths = requires(const Kind& kind, size_t slot, Vectors p) {
+  { reflectance_at(kind, p) } -> std::same_as<Floats>;
+  // The derivative of that in one of its slots.
+  { reflectance_slope(kind, slot, p) } -> std::same_as<Floats>;
+};
+
 HWY_INLINE Floats reflectance_at(const Reflectance& reflectance, Vectors p) {
   Floats result = hn::Zero(FloatTag());
-  visit_kind(reflectance, [&](const auto& kind) { result = reflectance_at(kind, p); });
+  visit_kind(reflectance,
+             [&](const ReflectanceMaths auto& kind) { result = reflectance_at(kind, p); });
   return result;
 }
 HWY_INLINE Floats reflectance_slope(const Reflectance& reflectance, size_t slot, Vectors p) {
