@@ -115,8 +115,8 @@ bool Structure::is_misfit(double least) const {
 }
 
 ImageEquations::ImageEquations(const Observation& observation, v1::RefineSettings::Weights weights,
-                               uint32_t block)
-    : observation_(observation), weights_(weights), block_(block) {}
+                               uint32_t block, const Likeness& likeness)
+    : observation_(observation), weights_(weights), block_(block), likeness_(likeness) {}
 
 // ---- Pixels and their weights ----------------------------------------------------------------
 
@@ -172,6 +172,9 @@ void ImageEquations::weigh_pixels() {
     const std::pair place{p / width / block_, p % width / block_};
     blocks_.push_back(numbers.emplace(place, std::ssize(numbers)).first->second);
   }
+  if (likeness_.size > 0 && weights_ == v1::RefineSettings::NOISE) {
+    alike_.emplace(pixels_, width, likeness_);
+  }
   image_ = at_pixels(observation_.radiance, pixels_);
   disturbances_.clear();
   for (const std::vector<float>& plane : observation_.disturbances) {
@@ -181,11 +184,10 @@ void ImageEquations::weigh_pixels() {
   for (const double value : image_) mean_ += value / static_cast<double>(image_.size());
   if (!(mean_ > 0)) throw invalid_input(observation_.name + ": the image is black on the object");
 
-  // Where nothing is known of the noise, it is that of light that is counted, 5 % at the mean.
-  constexpr double kRelativeNoise = 0.05;
+  // Where nothing is known of the noise, it is that of light that is counted.
   const Plane smooth = smoothed(smoothed(image_));
   noise_exponent_ = 1;
-  noise_at_mean_ = kRelativeNoise * kRelativeNoise * mean_ * mean_;
+  noise_at_mean_ = seen_noise();
   squared_noise_.assign(pixels_.size(), 0);
   if (!observation_.noise.empty()) {
     Plane log_radiance, log_noise;
@@ -225,6 +227,24 @@ void ImageEquations::weigh_pixels() {
 
 // The variance of a pixel's noise follows its radiance as a power of it. A function of the radiance
 // alone, so that a pixel does not count less for being too bright by chance.
+double ImageEquations::seen_noise() const {
+  constexpr double kLeast = 0.002, kMost = 0.05;  // standard deviations, of the mean
+  constexpr size_t kEnough = 30;                  // else the most
+  constexpr double kOfMedian = 0.4549;            // of the square of a Gaussian of variance 1
+  const double mean2 = mean_ * mean_;
+  // A pixel less the mean of the two beside it has 3 / 2 of the variance.
+  Plane squares;
+  for (size_t i = 1; i + 1 < pixels_.size(); ++i) {
+    if (pixels_[i - 1] + 1 != pixels_[i] || pixels_[i] + 1 != pixels_[i + 1]) continue;
+    const double off = image_[i] - (image_[i - 1] + image_[i + 1]) / 2;
+    squares.push_back(off * off / 1.5 * mean_ / std::max(image_[i], kMost * mean_));
+  }
+  if (squares.size() < kEnough) return kMost * kMost * mean2;
+  const auto middle = squares.begin() + std::ssize(squares) / 2;
+  std::ranges::nth_element(squares, middle);
+  return std::clamp(*middle / kOfMedian, kLeast * kLeast * mean2, kMost * kMost * mean2);
+}
+
 double ImageEquations::inverse_variance(double radiance) const {
   constexpr double kDarkest = 0.02;  // of the mean
   const double relative = std::max(radiance / mean_, kDarkest);
@@ -308,12 +328,21 @@ ImageEquations::Residuals ImageEquations::evaluate(const Render& render, uint32_
       for (size_t i = 0; i < count; ++i) weights[i] = inverse_variance(guide[i]);
     }
     std::vector<Plane>& own = scores.emplace_back(coordinates, Plane(count));
-    std::vector<Plane>& weighted = instruments.emplace_back(coordinates, Plane(count));
+    std::vector<Plane>& weighted = instruments.emplace_back();
     for (size_t c = 0; c < coordinates; ++c) {
-      const Plane instrument = without(estimate.derivatives[c], residuals.derivatives[c],
-                                       derivatives_.empty() ? Plane() : derivatives_[c]);
+      weighted.push_back(without(estimate.derivatives[c], residuals.derivatives[c],
+                                 derivatives_.empty() ? Plane() : derivatives_[c]));
+    }
+    if (alike_ && !plain) {
+      alike_->weigh(weights, without(estimate.radiance, residuals.radiance, radiance_), weighted);
+    } else {
+      for (Plane& plane : weighted) {
+        for (size_t i = 0; i < count; ++i) plane[i] *= weights[i];
+      }
+    }
+    for (size_t c = 0; c < coordinates; ++c) {
       for (size_t i = 0; i < count; ++i) {
-        const double z = weighted[c][i] = weights[i] * instrument[i];
+        const double z = weighted[c][i];
         own[c][i] = z * (image_[i] - estimate.radiance[i]);
         residuals.scores[c][i] += own[c][i] / k_count;
         for (size_t d = 0; d < coordinates; ++d) {
@@ -599,20 +628,18 @@ GrowthBySquare ImageEquations::growth(uint32_t side, Eigen::Index exposure) cons
   return squares;
 }
 
-Matrix model_error(const GrowthBySquare& squares, double size, double length) {
-  constexpr double kFar = 4;  // lengths: beyond, nothing is alike
+Matrix model_error(const GrowthBySquare& squares, const Likeness& likeness) {
   Matrix sum;
   for (const auto& [place, a] : squares) {
     Vector alike = Vector::Zero(a.scores.size());
     for (const auto& [other_place, b] : squares) {
       const double x = a.x / a.pixels - b.x / b.pixels, y = a.y / a.pixels - b.y / b.pixels;
-      const double squared = (x * x + y * y) / (length * length);
-      if (squared < kFar * kFar) alike += std::exp(-squared / 2) * b.scores;
+      alike += likeness_at((x * x + y * y) / (likeness.length * likeness.length)) * b.scores;
     }
     if (sum.size() == 0) sum = Matrix::Zero(alike.size(), alike.size());
     sum += a.scores * alike.transpose();
   }
-  return size * size * sum;
+  return likeness.size * likeness.size * sum;
 }
 
 // ---- State -----------------------------------------------------------------------------------
