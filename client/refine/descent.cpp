@@ -60,12 +60,6 @@ v1::Material to_message(const Material& material) {
   return message;
 }
 
-// The images' differences are alike where their exposure is found.
-Likeness likeness(const v1::RefineSettings& settings, const Layout& layout) {
-  if (settings.model_error() == 0 || !layout.has_exposure) return {};
-  return {.size = settings.model_error(), .length = settings.model_error_length()};
-}
-
 }  // namespace
 
 bool is_g_given(const v1::RefineSettings& settings) {
@@ -97,8 +91,7 @@ Descent::Descent(const v1::RefineSettings& settings, Layout layout,
     x_(layout_.of_colour(colour)) = coordinates_of(start, seen_);
   }
   for (const Observation& observation : observations) {
-    image_equations_.emplace_back(observation, settings.weights(), settings.block(),
-                                  likeness(settings, layout_));
+    image_equations_.emplace_back(observation, settings.weights(), settings.block());
   }
 }
 
@@ -209,7 +202,7 @@ void Descent::collect_sums() {
 // A photograph differs alike in its colours, which are observations of the same name.
 void Descent::collect_model_error() {
   model_error_ = {};
-  if (likeness(settings_, layout_).size == 0) return;
+  if (settings_.model_error() == 0 || !layout_.has_exposure) return;
   const auto side = std::max(1U, static_cast<uint32_t>(settings_.model_error_length() / 2));
   std::map<std::string, GrowthBySquare> photographs;
   for (size_t i = 0; i < image_equations_.size(); ++i) {
@@ -226,7 +219,7 @@ void Descent::collect_model_error() {
   }
   model_error_ = Matrix::Zero(layout_.size(), layout_.size());
   for (const auto& [name, squares] : photographs) {
-    model_error_ += model_error(squares, likeness(settings_, layout_));
+    model_error_ += model_error(squares, settings_.model_error(), settings_.model_error_length());
   }
 }
 

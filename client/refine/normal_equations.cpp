@@ -17,36 +17,20 @@ namespace {
 
 using Plane = std::vector<double>;  // by pixel that counts
 
-// One estimate, on the scale of the image and in the coordinates.
-struct Estimate {
-  Plane radiance;
-  std::vector<Plane> derivatives;
-};
-
-// `factors`: of what disturbs the image, by pixel. It has no derivatives in that.
-Estimate estimate_of(const tracer::RenderEstimate& render, std::span<const uint32_t> pixels,
-                     const Linearization& at, const Plane& factors) {
-  Estimate estimate;
-  const auto scaled = [&](size_t i, double value) { return at.exposure * factors[i] * value; };
-  for (size_t i = 0; i < pixels.size(); ++i) {
-    estimate.radiance.push_back(scaled(i, render.radiance[pixels[i]]));
-  }
-  for (Eigen::Index c = 0; c < at.jacobian.cols(); ++c) {
-    Plane& derivative = estimate.derivatives.emplace_back();
-    for (size_t i = 0; i < pixels.size(); ++i) {
-      double sum = 0;
-      for (Eigen::Index r = 0; r < at.jacobian.rows(); ++r)
-        sum += render.derivatives[static_cast<size_t>(r)][pixels[i]] * at.jacobian(r, c);
-      derivative.push_back(scaled(i, sum));
-    }
-  }
-  if (at.exposure_is_coordinate) estimate.derivatives.push_back(estimate.radiance);
-  return estimate;
-}
-
 void add(const Plane& terms, double factor, Plane& sum) {
   sum.resize(terms.size());
   for (size_t p = 0; p < terms.size(); ++p) sum[p] += factor * terms[p];
+}
+
+Plane weighted(Plane plane, const Plane& weights) {
+  for (size_t i = 0; i < plane.size(); ++i) plane[i] *= weights[i];
+  return plane;
+}
+
+double median(Plane values) {
+  const auto middle = values.begin() + std::ssize(values) / 2;
+  std::ranges::nth_element(values, middle);
+  return *middle;
 }
 
 // The slope of y against x.
@@ -62,6 +46,24 @@ double slope(const Plane& x, const Plane& y) {
     xy += (x[i] - mean_x) * (y[i] - mean_y);
   }
   return xx > 0 ? xy / xx : 0;
+}
+
+// The sum over the pixels of how planes of two coordinates vary together from estimate to estimate.
+double scatter(const std::vector<std::vector<Plane>>& by_estimate, size_t c, size_t d,
+               const Plane& weights) {
+  double sum = 0;
+  for (size_t i = 0; i < weights.size(); ++i) {
+    double mean_c = 0, mean_d = 0, covariance = 0;
+    for (const std::vector<Plane>& planes : by_estimate) {
+      mean_c += planes[c][i] / static_cast<double>(by_estimate.size());
+      mean_d += planes[d][i] / static_cast<double>(by_estimate.size());
+    }
+    for (const std::vector<Plane>& planes : by_estimate) {
+      covariance += (planes[c][i] - mean_c) * (planes[d][i] - mean_d);
+    }
+    sum += weights[i] * covariance;
+  }
+  return sum;
 }
 
 Plane at_pixels(std::span<const float> image, std::span<const uint32_t> pixels) {
@@ -115,8 +117,8 @@ bool Structure::is_misfit(double least) const {
 }
 
 ImageEquations::ImageEquations(const Observation& observation, v1::RefineSettings::Weights weights,
-                               uint32_t block, const Likeness& likeness)
-    : observation_(observation), weights_(weights), block_(block), likeness_(likeness) {}
+                               uint32_t block)
+    : observation_(observation), weights_(weights), block_(block) {}
 
 // ---- Pixels and their weights ----------------------------------------------------------------
 
@@ -151,18 +153,19 @@ void ImageEquations::choose_pixels(std::span<const float> coverage) {
 
 void ImageEquations::weigh_pixels() {
   const uint32_t width = observation_.scene->width, height = observation_.scene->height;
-  std::vector<int64_t> ridge_points(observation_.radiance.size(), -1);
-  for (size_t i = 0; i < pixels_.size(); ++i) ridge_points[pixels_[i]] = static_cast<int64_t>(i);
+  std::vector<int64_t> numbers_of_pixels(observation_.radiance.size(), -1);
+  for (size_t i = 0; i < pixels_.size(); ++i)
+    numbers_of_pixels[pixels_[i]] = static_cast<int64_t>(i);
   neighbours_.assign(pixels_.size(), {});
   for (size_t i = 0; i < pixels_.size(); ++i) {
     const uint32_t x = pixels_[i] % width, y = pixels_[i] / width;
     for (uint32_t v = y == 0 ? 0 : y - 1; v <= std::min(y + 1, height - 1); ++v) {
       for (uint32_t u = x == 0 ? 0 : x - 1; u <= std::min(x + 1, width - 1); ++u) {
         // A binomial filter: the nearer ones are listed as often as they count.
-        const int64_t place = ridge_points[size_t{v} * width + u];
+        const int64_t neighbour = numbers_of_pixels[size_t{v} * width + u];
         const size_t times = (u == x ? size_t{2} : 1) * (v == y ? 2 : 1);
-        if (place >= 0)
-          neighbours_[i].insert(neighbours_[i].end(), times, static_cast<uint32_t>(place));
+        if (neighbour >= 0)
+          neighbours_[i].insert(neighbours_[i].end(), times, static_cast<uint32_t>(neighbour));
       }
     }
   }
@@ -171,9 +174,6 @@ void ImageEquations::weigh_pixels() {
   for (const uint32_t p : pixels_) {
     const std::pair place{p / width / block_, p % width / block_};
     blocks_.push_back(numbers.emplace(place, std::ssize(numbers)).first->second);
-  }
-  if (likeness_.size > 0 && weights_ == v1::RefineSettings::NOISE) {
-    alike_.emplace(pixels_, width, likeness_);
   }
   image_ = at_pixels(observation_.radiance, pixels_);
   disturbances_.clear();
@@ -184,10 +184,11 @@ void ImageEquations::weigh_pixels() {
   for (const double value : image_) mean_ += value / static_cast<double>(image_.size());
   if (!(mean_ > 0)) throw invalid_input(observation_.name + ": the image is black on the object");
 
-  // Where nothing is known of the noise, it is that of light that is counted.
+  // Where nothing is known of the noise, it is that of light that is counted, 5 % at the mean.
+  constexpr double kRelativeNoise = 0.05;
   const Plane smooth = smoothed(smoothed(image_));
   noise_exponent_ = 1;
-  noise_at_mean_ = seen_noise();
+  noise_at_mean_ = kRelativeNoise * kRelativeNoise * mean_ * mean_;
   squared_noise_.assign(pixels_.size(), 0);
   if (!observation_.noise.empty()) {
     Plane log_radiance, log_noise;
@@ -227,24 +228,6 @@ void ImageEquations::weigh_pixels() {
 
 // The variance of a pixel's noise follows its radiance as a power of it. A function of the radiance
 // alone, so that a pixel does not count less for being too bright by chance.
-double ImageEquations::seen_noise() const {
-  constexpr double kLeast = 0.002, kMost = 0.05;  // standard deviations, of the mean
-  constexpr size_t kEnough = 30;                  // else the most
-  constexpr double kOfMedian = 0.4549;            // of the square of a Gaussian of variance 1
-  const double mean2 = mean_ * mean_;
-  // A pixel less the mean of the two beside it has 3 / 2 of the variance.
-  Plane squares;
-  for (size_t i = 1; i + 1 < pixels_.size(); ++i) {
-    if (pixels_[i - 1] + 1 != pixels_[i] || pixels_[i] + 1 != pixels_[i + 1]) continue;
-    const double off = image_[i] - (image_[i - 1] + image_[i + 1]) / 2;
-    squares.push_back(off * off / 1.5 * mean_ / std::max(image_[i], kMost * mean_));
-  }
-  if (squares.size() < kEnough) return kMost * kMost * mean2;
-  const auto middle = squares.begin() + std::ssize(squares) / 2;
-  std::ranges::nth_element(squares, middle);
-  return std::clamp(*middle / kOfMedian, kLeast * kLeast * mean2, kMost * kMost * mean2);
-}
-
 double ImageEquations::inverse_variance(double radiance) const {
   constexpr double kDarkest = 0.02;  // of the mean
   const double relative = std::max(radiance / mean_, kDarkest);
@@ -275,25 +258,71 @@ double ImageEquations::exposure(const Render& render) {
   return of_render > 0 ? of_image / of_render : 1;
 }
 
+ImageEquations::Estimate ImageEquations::estimate_of(const tracer::RenderEstimate& render,
+                                                     const Linearization& at) const {
+  const Plane factors = disturbed(at.disturbances);
+  Estimate estimate;
+  const auto scaled = [&](size_t i, double value) { return at.exposure * factors[i] * value; };
+  for (size_t i = 0; i < pixels_.size(); ++i) {
+    estimate.radiance.push_back(scaled(i, render.radiance[pixels_[i]]));
+  }
+  for (Eigen::Index c = 0; c < at.jacobian.cols(); ++c) {
+    Plane& derivative = estimate.derivatives.emplace_back();
+    for (size_t i = 0; i < pixels_.size(); ++i) {
+      double sum = 0;
+      for (Eigen::Index r = 0; r < at.jacobian.rows(); ++r)
+        sum += render.derivatives[static_cast<size_t>(r)][pixels_[i]] * at.jacobian(r, c);
+      derivative.push_back(scaled(i, sum));
+    }
+  }
+  if (at.exposure_is_coordinate) estimate.derivatives.push_back(estimate.radiance);
+  for (size_t d = 0; d < at.disturbances.size(); ++d) {
+    Plane& derivative = estimate.derivatives.emplace_back(pixels_.size());
+    if (disturbances_[d].empty()) continue;
+    for (size_t i = 0; i < pixels_.size(); ++i) {
+      derivative[i] = estimate.radiance[i] * disturbances_[d][i] / factors[i];
+    }
+  }
+  return estimate;
+}
+
+std::vector<std::vector<double>> ImageEquations::instruments_of(const Estimate& estimate,
+                                                                const Residuals& residuals,
+                                                                double others, bool plain) const {
+  const size_t count = pixels_.size();
+  const double past = plain ? 0 : samples_, now = residuals.samples;
+  const auto without = [&](const Plane& own, const Plane& mean, const Plane& before) {
+    Plane result(count);
+    for (size_t i = 0; i < count; ++i) {
+      // The mean of K estimates less a K-th of this one is `others` of them, as a part of all.
+      const double here = now * (mean[i] - own[i] * (1 - others));
+      result[i] = ((past > 0 ? before[i] : 0) + here) / (past + now * others);
+    }
+    return plain ? result : smoothed(smoothed(result));
+  };
+  std::vector<Plane> instruments;
+  for (size_t c = 0; c < estimate.derivatives.size(); ++c) {
+    instruments.push_back(without(estimate.derivatives[c], residuals.derivatives[c],
+                                  derivatives_.empty() ? Plane() : derivatives_[c]));
+  }
+  Plane weights = fixed_weights_;
+  if (weights_ == v1::RefineSettings::NOISE && !plain) {
+    const Plane guide = without(estimate.radiance, residuals.radiance, radiance_);
+    for (size_t i = 0; i < count; ++i) weights[i] = inverse_variance(guide[i]);
+  }
+  for (Plane& plane : instruments) plane = weighted(std::move(plane), weights);
+  return instruments;
+}
+
 ImageEquations::Residuals ImageEquations::evaluate(const Render& render, uint32_t spp,
                                                    const Linearization& at, bool plain) {
   if (pixels_.empty()) choose_pixels(render.mask);
   const size_t coordinates = at.coordinates(), count = pixels_.size();
-  const size_t estimate_count = render.estimates.size();
-  const auto k_count = static_cast<double>(estimate_count);
-
-  const Plane factors = disturbed(at.disturbances);
   std::vector<Estimate> estimates;
-  for (const tracer::RenderEstimate& raw : render.estimates) {
-    Estimate& estimate = estimates.emplace_back(estimate_of(raw, pixels_, at, factors));
-    for (size_t d = 0; d < at.disturbances.size(); ++d) {
-      Plane& derivative = estimate.derivatives.emplace_back(count);
-      if (disturbances_[d].empty()) continue;
-      for (size_t i = 0; i < count; ++i) {
-        derivative[i] = estimate.radiance[i] * disturbances_[d][i] / factors[i];
-      }
-    }
+  for (const tracer::RenderEstimate& one : render.estimates) {
+    estimates.push_back(estimate_of(one, at));
   }
+  const auto k_count = static_cast<double>(estimates.size());
   Residuals residuals;
   residuals.samples = spp;
   residuals.derivatives.resize(coordinates);
@@ -304,93 +333,56 @@ ImageEquations::Residuals ImageEquations::evaluate(const Render& render, uint32_
     }
   }
 
-  // What all but this estimate say of a plane, and what was seen before.
-  const double past = plain ? 0 : samples_, now = spp;
-  const auto without = [&](const Plane& own, const Plane& mean, const Plane& before) {
-    Plane result(count);
-    const double samples = past + now * (k_count - 1) / k_count;
-    for (size_t i = 0; i < count; ++i) {
-      const double others = now * (mean[i] - own[i] / k_count);
-      result[i] = ((past > 0 ? before[i] : 0) + others) / samples;
-    }
-    return plain ? result : smoothed(smoothed(result));
-  };
-
-  residuals.equations = NormalEquations(static_cast<Eigen::Index>(coordinates));
+  // Multiply what is left of the image, and the derivatives, by instruments of the other estimates.
   residuals.scores.assign(coordinates, Plane(count));
   residuals.slopes.assign(coordinates * coordinates, Plane(count));
-  std::vector<std::vector<Plane>> scores;       // by estimate, coordinate, pixel
-  std::vector<std::vector<Plane>> instruments;  // likewise, with their weights
+  std::vector<std::vector<Plane>> scores, instruments;  // by estimate, coordinate, pixel
   for (const Estimate& estimate : estimates) {
-    Plane weights = fixed_weights_;
-    if (weights_ == v1::RefineSettings::NOISE && !plain) {
-      const Plane guide = without(estimate.radiance, residuals.radiance, radiance_);
-      for (size_t i = 0; i < count; ++i) weights[i] = inverse_variance(guide[i]);
-    }
-    std::vector<Plane>& own = scores.emplace_back(coordinates, Plane(count));
-    std::vector<Plane>& weighted = instruments.emplace_back();
-    for (size_t c = 0; c < coordinates; ++c) {
-      weighted.push_back(without(estimate.derivatives[c], residuals.derivatives[c],
-                                 derivatives_.empty() ? Plane() : derivatives_[c]));
-    }
-    if (alike_ && !plain) {
-      alike_->weigh(weights, without(estimate.radiance, residuals.radiance, radiance_), weighted);
-    } else {
-      for (Plane& plane : weighted) {
-        for (size_t i = 0; i < count; ++i) plane[i] *= weights[i];
-      }
-    }
+    const std::vector<Plane>& z_of_others = instruments.emplace_back(
+        instruments_of(estimate, residuals, (k_count - 1) / k_count, plain));
+    std::vector<Plane>& by_coordinate = scores.emplace_back(coordinates, Plane(count));
     for (size_t c = 0; c < coordinates; ++c) {
       for (size_t i = 0; i < count; ++i) {
-        const double z = weighted[c][i];
-        own[c][i] = z * (image_[i] - estimate.radiance[i]);
-        residuals.scores[c][i] += own[c][i] / k_count;
+        const double z = z_of_others[c][i];
+        by_coordinate[c][i] = z * (image_[i] - estimate.radiance[i]);
+        residuals.scores[c][i] += by_coordinate[c][i] / k_count;
         for (size_t d = 0; d < coordinates; ++d) {
           residuals.slopes[c * coordinates + d][i] += z * estimate.derivatives[d][i] / k_count;
         }
       }
     }
   }
-  // The noise of the instruments meets what is left of the image. With the variance v of one
-  // estimate of M / K samples, it has that of all n samples, v M / (K n); instruments that leave
-  // out one estimate each, n' samples behind them, differ by v (M / K n')^2.
-  const double n = past + now, without_one = past + now * (k_count - 1) / k_count;
-  const double leverage = without_one * without_one / (n * (k_count - 1) * now / k_count);
-  const auto noise_of_instruments = [&](size_t c, size_t d) {
-    double sum = 0;
-    for (size_t i = 0; i < count; ++i) {
-      double mean_c = 0, mean_d = 0, covariance = 0;
-      for (const std::vector<Plane>& z : instruments) {
-        mean_c += z[c][i] / k_count;
-        mean_d += z[d][i] / k_count;
-      }
-      for (const std::vector<Plane>& z : instruments) {
-        covariance += (z[c][i] - mean_c) * (z[d][i] - mean_d);
-      }
-      const double left = image_[i] - residuals.radiance[i];
-      sum += left * left * covariance;
-    }
-    return leverage * sum;
-  };
+
+  // Sum over the pixels.
+  Plane differences;
+  for (size_t i = 0; i < count; ++i) differences.push_back(image_[i] - residuals.radiance[i]);
+  residuals.equations = NormalEquations(static_cast<Eigen::Index>(coordinates));
   for (size_t c = 0; c < coordinates; ++c) {
-    for (size_t i = 0; i < count; ++i) residuals.equations.gradient[c] += residuals.scores[c][i];
+    for (const double score : residuals.scores[c]) residuals.equations.gradient[c] += score;
     for (size_t d = 0; d < coordinates; ++d) {
       for (const double slope : residuals.slopes[c * coordinates + d]) {
         residuals.equations.curvature(c, d) += slope;
       }
-      double sum = 0;
-      for (const std::vector<Plane>& own : scores) {
-        for (size_t i = 0; i < count; ++i) {
-          sum += (own[c][i] - residuals.scores[c][i]) * (own[d][i] - residuals.scores[d][i]);
-        }
-      }
-      residuals.equations.render_noise(c, d) =
-          sum / (k_count * (k_count - 1)) + noise_of_instruments(c, d);
     }
   }
 
-  Plane differences;
-  for (size_t i = 0; i < count; ++i) differences.push_back(image_[i] - residuals.radiance[i]);
+  // The noise of the renders in the scores. And the noise of the instruments meets what is left of
+  // the image: with the variance v of one estimate of M / K samples, it has that of all n samples,
+  // v M / (K n); instruments that leave out one estimate each, n' samples behind them, differ by
+  // v (M / K n')^2.
+  const double past = plain ? 0 : samples_, now = spp;
+  const double n = past + now, without_one = past + now * (k_count - 1) / k_count;
+  const double leverage = without_one * without_one / (n * (k_count - 1) * now / k_count);
+  Plane squared_differences;
+  for (const double difference : differences)
+    squared_differences.push_back(difference * difference);
+  for (size_t c = 0; c < coordinates; ++c) {
+    for (size_t d = 0; d < coordinates; ++d) {
+      residuals.equations.render_noise(c, d) =
+          scatter(scores, c, d, Plane(count, 1)) / (k_count * (k_count - 1)) +
+          leverage * scatter(instruments, c, d, squared_differences);
+    }
+  }
   residuals.structure = structure_of(differences);
 
   // (I - T)^2 from different estimates: the squared mean less its own variance.
@@ -546,22 +538,20 @@ void ImageEquations::find_unexplained() {
   constexpr double kMost = 0.05;        // of the pixels
   constexpr double kOfMedian = 1.4826;  // the standard deviation of a Gaussian
   const Plane differences = differences_so_far();
-  const Plane weighted = smoothed(in_deviations(differences));
+  const Plane smooth = smoothed(in_deviations(differences));
   Plane render;
   for (const double sum : radiance_) render.push_back(sum / samples_);
   render = smoothed(render);
   Plane sizes;
-  for (const double value : weighted) sizes.push_back(std::abs(value));
-  const auto middle = sizes.begin() + std::ssize(sizes) / 2;
-  std::ranges::nth_element(sizes, middle);
-  const double far = kFar * kOfMedian * *middle;
+  for (const double value : smooth) sizes.push_back(std::abs(value));
+  const double far = kFar * kOfMedian * median(sizes);
   robust_weights_.assign(pixels_.size(), 1);
   size_t count = 0;
   for (size_t i = 0; i < pixels_.size(); ++i) {
     // By itself, too, as beside dust there may be none.
-    const double own = std::copysign(1, weighted[i]) * differences[i];
-    if (std::abs(weighted[i]) <= far || own <= kVisible * render[i]) continue;
-    robust_weights_[i] = far * far / (weighted[i] * weighted[i]);
+    const double alone = std::copysign(1, smooth[i]) * differences[i];
+    if (std::abs(smooth[i]) <= far || alone <= kVisible * render[i]) continue;
+    robust_weights_[i] = far * far / (smooth[i] * smooth[i]);
     ++count;
   }
   if (count == 0 || static_cast<double>(count) > kMost * static_cast<double>(pixels_.size())) {
@@ -628,18 +618,20 @@ GrowthBySquare ImageEquations::growth(uint32_t side, Eigen::Index exposure) cons
   return squares;
 }
 
-Matrix model_error(const GrowthBySquare& squares, const Likeness& likeness) {
+Matrix model_error(const GrowthBySquare& squares, double size, double length) {
+  constexpr double kFar = 4;  // lengths: beyond, nothing is alike
   Matrix sum;
   for (const auto& [place, a] : squares) {
     Vector alike = Vector::Zero(a.scores.size());
     for (const auto& [other_place, b] : squares) {
       const double x = a.x / a.pixels - b.x / b.pixels, y = a.y / a.pixels - b.y / b.pixels;
-      alike += likeness_at((x * x + y * y) / (likeness.length * likeness.length)) * b.scores;
+      const double squared = (x * x + y * y) / (length * length);
+      if (squared < kFar * kFar) alike += std::exp(-squared / 2) * b.scores;
     }
     if (sum.size() == 0) sum = Matrix::Zero(alike.size(), alike.size());
     sum += a.scores * alike.transpose();
   }
-  return likeness.size * likeness.size * sum;
+  return size * size * sum;
 }
 
 // ---- State -----------------------------------------------------------------------------------

@@ -4,11 +4,9 @@
 // coordinate, an instrument Z_p. Whatever the instruments are, the solution is unbiased as long as
 // they do not depend on the noise of I and T (instrumental variables: Reiersol, "Confluence
 // analysis by means of instrumental sets of variables", 1945); it is the quietest where Z_p = w_p
-// dT_p/dx, w_p the inverse variance of I_p, or where pixels differ alike (client/refine/likeness.h)
-// the inverse of their covariance times those derivatives. So each estimate T_k of a render is
-// multiplied with the derivatives by the other estimates, and by the renders of iterations before,
-// smoothed over the neighbours: instruments that are quiet, and owe nothing to T_k. By Newton's
-// method,
+// dT_p/dx, w_p the inverse variance of I_p. So each estimate T_k of a render is multiplied with the
+// derivatives by the other estimates, and by the renders of iterations before, smoothed over the
+// neighbours: instruments that are quiet, and owe nothing to T_k. By Newton's method,
 //
 //   H step = s,  s = sum_p mean_k Z_pk (I_p - T_pk),  H = sum_p mean_k Z_pk dT_pk/dx',
 //
@@ -25,12 +23,10 @@
 #include <algorithm>
 #include <cstdint>
 #include <map>
-#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
 
-#include "client/refine/likeness.h"
 #include "client/refine/matrix.h"
 #include "client/refine/observation.h"
 #include "itn/v1/refine.pb.h"
@@ -98,15 +94,16 @@ struct SquareGrowth {
 };
 using GrowthBySquare = std::map<std::pair<uint32_t, uint32_t>, SquareGrowth>;
 
-// The covariance of s, where pixels differ alike.
-Matrix model_error(const GrowthBySquare& squares, const Likeness& likeness);
+// The covariance of s, where the radiance differs by a part `size` of itself, root mean square,
+// that is alike over `length` pixels as a Gaussian process is.
+Matrix model_error(const GrowthBySquare& squares, double size, double length);
 
 class ImageEquations {
  public:
   // The observation must outlive it. `block`: in squares of so many pixels a side differences may
   // hang together.
   ImageEquations(const Observation& observation, v1::RefineSettings::Weights weights,
-                 uint32_t block = 1, const Likeness& likeness = {});
+                 uint32_t block = 1);
 
   // What one render says, by pixel and all in all.
   struct Residuals {
@@ -171,6 +168,17 @@ class ImageEquations {
   void restore(const v1::RefineImageState& state, size_t coordinates);
 
  private:
+  // One estimate, on the scale of the image and in the coordinates.
+  struct Estimate {
+    std::vector<double> radiance;
+    std::vector<std::vector<double>> derivatives;
+  };
+  Estimate estimate_of(const tracer::RenderEstimate& render, const Linearization& at) const;
+  // By coordinate, of what was seen before and of the other estimates, which are so large a part of
+  // all. `residuals` has the means of all estimates.
+  std::vector<std::vector<double>> instruments_of(const Estimate& estimate,
+                                                  const Residuals& residuals, double others,
+                                                  bool plain) const;
   Structure structure_of(std::span<const double> differences) const;
   // Image less render, on the average of what was taken.
   std::vector<double> differences_so_far() const;
@@ -181,8 +189,6 @@ class ImageEquations {
   void choose_pixels(std::span<const float> coverage);
   void weigh_pixels();
   double inverse_variance(double radiance) const;
-  // The variance of the noise at the mean radiance, as neighbours differ.
-  double seen_noise() const;
   double robust_weight(size_t i) const { return robust_weights_.empty() ? 1 : robust_weights_[i]; }
   std::vector<std::vector<double>> scores_after(const Vector& step) const;
   std::vector<double> smoothed(const std::vector<double>& values) const;
@@ -190,8 +196,6 @@ class ImageEquations {
   const Observation& observation_;
   v1::RefineSettings::Weights weights_;
   uint32_t block_;
-  Likeness likeness_;
-  std::optional<AlikePixels> alike_;  // if pixels are so, and weighed by their noise
   std::vector<uint32_t> pixels_;
   std::vector<Eigen::Index> blocks_;               // which each pixel is in
   std::vector<std::vector<uint32_t>> neighbours_;  // of each pixel, itself and those around it
