@@ -88,28 +88,28 @@ class MemoryStream final : public Imf::IStream {
 // The entries of headers: name, type and size of each must lie within the file, as OpenEXR
 // allocates before it reads. Files of several parts have a header each, and an empty one behind.
 void check_entries(std::string_view bytes, bool several_parts, const std::string& name) {
-  const auto text = [&](size_t& at) {
-    const size_t end = bytes.find('\0', at);
+  const auto text = [&](size_t& offset) {
+    const size_t end = bytes.find('\0', offset);
     if (end == std::string_view::npos) throw damaged(name, "its header has no end");
-    const std::string_view found = bytes.substr(at, end - at);
-    at = end + 1;
+    const std::string_view found = bytes.substr(offset, end - offset);
+    offset = end + 1;
     return found;
   };
-  size_t at = 8;  // behind magic number and version
+  size_t offset = 8;  // behind magic number and version
   for (bool is_last = false; !is_last;) {
-    const size_t begin = at;
-    while (!text(at).empty()) {
-      text(at);  // the type
+    const size_t begin = offset;
+    while (!text(offset).empty()) {
+      text(offset);  // the type
       uint32_t size = 0;
-      if (bytes.size() - at < sizeof size) throw damaged(name, "its header has no end");
-      std::memcpy(&size, bytes.data() + at, sizeof size);  // little-endian, as all our machines
-      at += sizeof size;
-      if (size > bytes.size() - at) {
+      if (bytes.size() - offset < sizeof size) throw damaged(name, "its header has no end");
+      std::memcpy(&size, bytes.data() + offset, sizeof size);  // little-endian, as all our machines
+      offset += sizeof size;
+      if (size > bytes.size() - offset) {
         throw damaged(name, fmt::format("its header claims an entry of {} bytes", size));
       }
-      at += size;
+      offset += size;
     }
-    is_last = !several_parts || at == begin + 1;
+    is_last = !several_parts || offset == begin + 1;
   }
 }
 

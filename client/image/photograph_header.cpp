@@ -36,19 +36,19 @@ struct File {
         fmt::format("{} is {} {}, which is not read; {}", name, recognized.name, what, right));
   }
 
-  std::string_view part(size_t at, size_t size) const {
-    if (at > bytes.size() || size > bytes.size() - at) throw cut_short();
-    return bytes.substr(at, size);
+  std::string_view part(size_t offset, size_t size) const {
+    if (offset > bytes.size() || size > bytes.size() - offset) throw cut_short();
+    return bytes.substr(offset, size);
   }
-  uint32_t byte(size_t at) const { return static_cast<unsigned char>(part(at, 1)[0]); }
-  uint32_t big_endian(size_t at, size_t size) const {
+  uint32_t byte(size_t offset) const { return static_cast<unsigned char>(part(offset, 1)[0]); }
+  uint32_t big_endian(size_t offset, size_t size) const {
     uint32_t value = 0;
-    for (size_t i = 0; i < size; ++i) value = value << 8U | byte(at + i);
+    for (size_t i = 0; i < size; ++i) value = value << 8U | byte(offset + i);
     return value;
   }
-  uint32_t little_endian(size_t at, size_t size) const {
+  uint32_t little_endian(size_t offset, size_t size) const {
     uint32_t value = 0;
-    for (size_t i = size; i-- > 0;) value = value << 8U | byte(at + i);
+    for (size_t i = size; i-- > 0;) value = value << 8U | byte(offset + i);
     return value;
   }
 };
@@ -64,19 +64,19 @@ PhotographHeader png_header(const File& file) {
   if (file.part(12, 4) != "IHDR") throw file.damaged("it does not begin with its header");
   PhotographHeader header{.width = file.big_endian(16, 4), .height = file.big_endian(20, 4)};
   header.bytes_per_pixel = file.byte(24) == 16 ? 8 : 4;  // at most: of RGBA
-  for (size_t at = 8; at + 8 < file.bytes.size();) {
-    const uint32_t size = file.big_endian(at, 4);
-    const std::string_view type = file.part(at + 4, 4);
-    if (type == "eXIf") header.exif = exif_of(file.part(at + 8, size));
+  for (size_t offset = 8; offset + 8 < file.bytes.size();) {
+    const uint32_t size = file.big_endian(offset, 4);
+    const std::string_view type = file.part(offset + 4, 4);
+    if (type == "eXIf") header.exif = exif_of(file.part(offset + 8, size));
     if (type == "cICP" && size >= 4) {
-      if (file.byte(at + 11) != 1) {
+      if (file.byte(offset + 11) != 1) {
         throw file.unsupported("of narrow range (cICP)", "save it with the full range of values");
       }
-      header.code_points =
-          std::pair(static_cast<int>(file.byte(at + 8)), static_cast<int>(file.byte(at + 9)));
+      header.code_points = std::pair(static_cast<int>(file.byte(offset + 8)),
+                                     static_cast<int>(file.byte(offset + 9)));
     }
     if (type == "acTL") throw file.unsupported("of several frames", "save one of them");
-    at += size_t{12} + size;
+    offset += size_t{12} + size;
   }
   return header;
 }
@@ -87,33 +87,33 @@ bool is_start_of_frame(uint32_t marker) {
   return marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc;
 }
 
-void read_frame(const File& file, uint32_t marker, size_t at, PhotographHeader& header) {
+void read_frame(const File& file, uint32_t marker, size_t offset, PhotographHeader& header) {
   const bool sequential_or_progressive = marker <= 0xc2 || marker == 0xc9 || marker == 0xca;
-  if (!sequential_or_progressive || file.byte(at) != 8) {
+  if (!sequential_or_progressive || file.byte(offset) != 8) {
     throw file.unsupported("without loss or of more than 8 bits", "save it as PNG or TIFF");
   }
-  header.height = file.big_endian(at + 1, 2);
-  header.width = file.big_endian(at + 3, 2);
-  header.bytes_per_pixel = file.byte(at + 5);
+  header.height = file.big_endian(offset + 1, 2);
+  header.width = file.big_endian(offset + 3, 2);
+  header.bytes_per_pixel = file.byte(offset + 5);
   if (header.bytes_per_pixel == 4) throw file.unsupported("of CMYK", "save it as RGB");
 }
 
 PhotographHeader jpeg_header(const File& file) {
   PhotographHeader header;
-  for (size_t at = 2;;) {
-    if (file.byte(at) != 0xff) throw file.damaged("a segment does not begin where it should");
-    while (file.byte(at) == 0xff) ++at;
-    const uint32_t marker = file.byte(at++);
+  for (size_t offset = 2;;) {
+    if (file.byte(offset) != 0xff) throw file.damaged("a segment does not begin where it should");
+    while (file.byte(offset) == 0xff) ++offset;
+    const uint32_t marker = file.byte(offset++);
     if (marker == 0xda || marker == 0xd9) throw file.damaged("it has no frame");
-    const uint32_t size = file.big_endian(at, 2);
+    const uint32_t size = file.big_endian(offset, 2);
     if (size < 2) throw file.damaged("a segment has no length");
-    const std::string_view data = file.part(at + 2, size - 2);
+    const std::string_view data = file.part(offset + 2, size - 2);
     if (marker == 0xe1 && data.starts_with("Exif\0\0"sv)) header.exif = exif_of(data.substr(6));
     if (is_start_of_frame(marker)) {
-      read_frame(file, marker, at + 2, header);
+      read_frame(file, marker, offset + 2, header);
       return header;
     }
-    at += size;
+    offset += size;
   }
 }
 
@@ -176,10 +176,10 @@ PhotographHeader webp_header(const File& file) {
   if (size_t{8} + file.little_endian(4, 4) > file.bytes.size()) throw file.cut_short();
   PhotographHeader header{.bytes_per_pixel = 4};
   bool has_alpha = false;
-  for (size_t at = 12; at + 8 <= file.bytes.size();) {
-    const std::string_view type = file.part(at, 4);
-    const uint32_t size = file.little_endian(at + 4, 4);
-    const size_t data = at + 8;
+  for (size_t offset = 12; offset + 8 <= file.bytes.size();) {
+    const std::string_view type = file.part(offset, 4);
+    const uint32_t size = file.little_endian(offset + 4, 4);
+    const size_t data = offset + 8;
     if (type == "VP8 ") {
       header.width = file.little_endian(data + 6, 2) & 0x3fffU;
       header.height = file.little_endian(data + 8, 2) & 0x3fffU;
@@ -199,7 +199,7 @@ PhotographHeader webp_header(const File& file) {
       if (exif.starts_with("Exif\0\0"sv)) exif.remove_prefix(6);
       header.exif = exif_of(exif);
     }
-    at = data + size + size % 2;
+    offset = data + size + size % 2;
   }
   // Its colours would come multiplied by alpha, and rounded to 8 bits.
   if (has_alpha) throw file.unsupported("with alpha", "save it as PNG");
@@ -211,12 +211,12 @@ PhotographHeader webp_header(const File& file) {
 PhotographHeader heif_header(const File& file) {
   PhotographHeader header{.bytes_per_pixel = 4};
   // Type (4 bytes), version and flags (4), width (4), height (4).
-  for (size_t at = file.bytes.find("ispe"); at != std::string_view::npos;
-       at = file.bytes.find("ispe", at + 4)) {
-    if (file.bytes.size() - at < 16) break;
-    if (file.big_endian(at - 4, 4) != 20) continue;  // these letters by chance
-    header.width = std::max<int64_t>(header.width, file.big_endian(at + 8, 4));
-    header.height = std::max<int64_t>(header.height, file.big_endian(at + 12, 4));
+  for (size_t offset = file.bytes.find("ispe"); offset != std::string_view::npos;
+       offset = file.bytes.find("ispe", offset + 4)) {
+    if (file.bytes.size() - offset < 16) break;
+    if (file.big_endian(offset - 4, 4) != 20) continue;  // these letters by chance
+    header.width = std::max<int64_t>(header.width, file.big_endian(offset + 8, 4));
+    header.height = std::max<int64_t>(header.height, file.big_endian(offset + 12, 4));
   }
   return header;
 }

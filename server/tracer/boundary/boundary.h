@@ -108,25 +108,25 @@ namespace itn::tracer::HWY_NAMESPACE {
 
 // What a kind computes, for many paths at a time.
 template <typename Kind>
-concept DrawnBoundary = requires(const Kind& kind, const Crossing& at, const Words& words) {
+concept DrawnBoundary = requires(const Kind& kind, const Crossing& crossing, const Words& words) {
   // How paths go on.
-  { draw(kind, at, words) } -> std::same_as<BoundaryDraw>;
+  { draw(kind, crossing, words) } -> std::same_as<BoundaryDraw>;
 };
 template <typename Kind>
-concept BoundaryWithDensity = requires(const Kind& kind, const Crossing& at, Vectors to) {
+concept BoundaryWithDensity = requires(const Kind& kind, const Crossing& crossing, Vectors to) {
   // What light from a direction brings the paths, and the density with which `draw` takes it.
-  { evaluate(kind, at, to) } -> std::same_as<BoundaryValue>;
+  { evaluate(kind, crossing, to) } -> std::same_as<BoundaryValue>;
 };
 template <typename Kind>
-concept TransmittingDelta = requires(const Kind& kind, const Crossing& at) {
+concept TransmittingDelta = requires(const Kind& kind, const Crossing& crossing) {
   // Where paths go that cross, without a draw.
-  { transmit(kind, at) } -> std::same_as<Transmission>;
+  { transmit(kind, crossing) } -> std::same_as<Transmission>;
 };
 template <typename Kind>
-concept BoundaryWithEdge = requires(const Kind& kind, const Crossing& at, Floats u) {
+concept BoundaryWithEdge = requires(const Kind& kind, const Crossing& crossing, Floats u) {
   // A direction, drawn by u, where the value ends and is not 0, for derivatives in index and
   // normal.
-  { edge(kind, at, u) } -> std::same_as<BoundaryEdge>;
+  { edge(kind, crossing, u) } -> std::same_as<BoundaryEdge>;
 };
 template <typename Kind>
 concept BoundaryMaths = (!Kind::kStopsLines || DrawnBoundary<Kind>)&&(
@@ -136,11 +136,12 @@ concept BoundaryMaths = (!Kind::kStopsLines || DrawnBoundary<Kind>)&&(
 } || BoundaryWithEdge<Kind>);
 
 // By the normal that the crossing says, as if it were that of the triangle.
-HWY_INLINE BoundaryValue evaluate_flat(const Boundary& boundary, const Crossing& at, Vectors to) {
+HWY_INLINE BoundaryValue evaluate_flat(const Boundary& boundary, const Crossing& crossing,
+                                       Vectors to) {
   const Floats zero = hn::Zero(FloatTag());
   BoundaryValue result{zero, zero, {zero}};
   visit_kind(boundary, [&]<BoundaryMaths Kind>(const Kind& kind) {
-    if constexpr (!Kind::kDelta) result = evaluate(kind, at, to);
+    if constexpr (!Kind::kDelta) result = evaluate(kind, crossing, to);
   });
   return result;
 }
@@ -151,43 +152,43 @@ HWY_INLINE BoundaryValue evaluate_flat(const Boundary& boundary, const Crossing&
 // itself, or as the mirror image of one, or both.
 
 // Nothing of a boundary that is a delta.
-HWY_INLINE BoundaryValue evaluate(const Boundary& boundary, const Crossing& at, Vectors to) {
-  if (at.flat) return evaluate_flat(boundary, at, to);
+HWY_INLINE BoundaryValue evaluate(const Boundary& boundary, const Crossing& crossing, Vectors to) {
+  if (crossing.flat) return evaluate_flat(boundary, crossing, to);
   const Floats zero = hn::Zero(FloatTag());
-  const Mask reflects = dot(to, at.flat_normal) > 0;
+  const Mask reflects = dot(to, crossing.flat_normal) > 0;
   BoundaryValue sum{zero, zero, {zero}};
-  for (const Vectors from : {to, mirrored(to, at.flat_normal)}) {
-    const Mask same = !(reflects ^ (dot(from, at.normal) > 0));
-    const BoundaryValue part = evaluate_flat(boundary, at, from);
+  for (const Vectors from : {to, mirrored(to, crossing.flat_normal)}) {
+    const Mask same = !(reflects ^ (dot(from, crossing.normal) > 0));
+    const BoundaryValue part = evaluate_flat(boundary, crossing, from);
     const Floats value = hn::IfThenElseZero(same, part.value);
     sum.value += value;
     sum.pdf += hn::IfThenElseZero(same, part.pdf);
     for (size_t s = 0; s < kMaxBoundarySlots; ++s) {
       sum.scores[s] = mul_add(value, part.scores[s], sum.scores[s]);
     }
-    if (at.asked.normal) sum.by_normal = sum.by_normal + part.by_normal * value;
+    if (crossing.asked.normal) sum.by_normal = sum.by_normal + part.by_normal * value;
   }
   for (Floats& score : sum.scores) score /= hn::Max(sum.value, set(1e-20F));
-  if (at.asked.normal) {
+  if (crossing.asked.normal) {
     sum.by_normal = sum.by_normal * (1 / hn::Max(sum.value, set(1e-20F)));
   }
   return sum;
 }
 
 // What such a boundary makes of a direction.
-HWY_INLINE Vectors on_its_side(const Crossing& at, Vectors direction, Mask transmitted) {
-  if (at.flat) return direction;
-  const Mask reflects = dot(direction, at.flat_normal) > 0;
-  return if_then_else(reflects ^ transmitted, direction, mirrored(direction, at.flat_normal));
+HWY_INLINE Vectors on_its_side(const Crossing& crossing, Vectors direction, Mask transmitted) {
+  if (crossing.flat) return direction;
+  const Mask reflects = dot(direction, crossing.flat_normal) > 0;
+  return if_then_else(reflects ^ transmitted, direction, mirrored(direction, crossing.flat_normal));
 }
 
 // The transmission of a boundary that is a delta and refracts.
-HWY_INLINE Transmission transmit(const Boundary& boundary, const Crossing& at) {
-  Transmission through{at.direction, set(1.0F)};
+HWY_INLINE Transmission transmit(const Boundary& boundary, const Crossing& crossing) {
+  Transmission through{crossing.direction, set(1.0F)};
   visit_kind(boundary, [&]<typename Kind>(const Kind& kind) {
-    if constexpr (Kind::kDelta && Refracting<Kind>) through = transmit(kind, at);
+    if constexpr (Kind::kDelta && Refracting<Kind>) through = transmit(kind, crossing);
   });
-  through.direction = on_its_side(at, through.direction, hn::FirstN(FloatTag(), lanes()));
+  through.direction = on_its_side(crossing, through.direction, hn::FirstN(FloatTag(), lanes()));
   return through;
 }
 
@@ -195,42 +196,45 @@ HWY_INLINE Transmission transmit(const Boundary& boundary, const Crossing& at) {
 constexpr float kEdgeProbability = 0.1F;
 
 // Follows edges instead of what was drawn, with that probability.
-HWY_INLINE void follow_edges(const Boundary& boundary, const Crossing& at, const Words& words,
+HWY_INLINE void follow_edges(const Boundary& boundary, const Crossing& crossing, const Words& words,
                              BoundarySample& next) {
   const Floats zero = hn::Zero(FloatTag());
   BoundaryEdge ending{next.direction, zero, zero, next.by_normal};
   visit_kind(boundary, [&]<typename Kind>(const Kind& kind) {
-    if constexpr (requires { Kind::kIndexSlot; }) ending = edge(kind, at, uniform(words.w[0]));
+    if constexpr (requires { Kind::kIndexSlot; })
+      ending = edge(kind, crossing, uniform(words.w[0]));
   });
   const Mask chosen = fifth_uniform(words) < kEdgeProbability;
   const Mask all = hn::FirstN(FloatTag(), lanes());
-  next.direction = if_then_else(chosen, on_its_side(at, ending.direction, all), next.direction);
+  next.direction =
+      if_then_else(chosen, on_its_side(crossing, ending.direction, all), next.direction);
   next.transmitted |= chosen;
   next.weight = hn::IfThenZeroElse(chosen, next.weight * (1 / (1 - kEdgeProbability)));
-  const Floats weight = at.asked.normal ? ending.weight : ending.weight * ending.by_index;
+  const Floats weight = crossing.asked.normal ? ending.weight : ending.weight * ending.by_index;
   next.edge_weight = hn::IfThenElseZero(chosen, weight * (1 / kEdgeProbability));
   next.by_normal = if_then_else(chosen, ending.by_normal, next.by_normal);
 }
 
 // Draws a direction at a boundary that stops lines.
-HWY_INLINE BoundarySample sample(const Boundary& boundary, const Crossing& at, const Words& words) {
+HWY_INLINE BoundarySample sample(const Boundary& boundary, const Crossing& crossing,
+                                 const Words& words) {
   const Floats zero = hn::Zero(FloatTag());
-  BoundaryDraw drawn{at.direction, hn::FirstN(FloatTag(), 0), zero};
+  BoundaryDraw drawn{crossing.direction, hn::FirstN(FloatTag(), 0), zero};
   visit_kind(boundary, [&]<typename Kind>(const Kind& kind) {
-    if constexpr (Kind::kStopsLines) drawn = draw(kind, at, words);
+    if constexpr (Kind::kStopsLines) drawn = draw(kind, crossing, words);
   });
-  const Vectors direction = on_its_side(at, drawn.direction, drawn.transmitted);
+  const Vectors direction = on_its_side(crossing, drawn.direction, drawn.transmitted);
   if (is_delta(boundary)) {
     return {direction, drawn.transmitted, drawn.weight, zero, {zero}, zero, set(Vec3f{})};
   }
-  const BoundaryValue value = evaluate(boundary, at, direction);
+  const BoundaryValue value = evaluate(boundary, crossing, direction);
   const Mask possible = (drawn.weight > 0) & (value.pdf > 0);
   const Floats pdf = hn::Max(value.pdf, set(1e-20F));
   BoundarySample next{
       direction, drawn.transmitted, hn::IfThenElseZero(possible, value.value / pdf), pdf, {zero},
       zero,      value.by_normal};
   for (size_t s = 0; s < kMaxBoundarySlots; ++s) next.scores[s] = value.scores[s];
-  if (at.asked.any()) follow_edges(boundary, at, words, next);
+  if (crossing.asked.any()) follow_edges(boundary, crossing, words, next);
   return next;
 }
 

@@ -61,21 +61,21 @@ HWY_INLINE Crossing crossing_of(Vectors direction, Vectors outwards, Vectors fla
 }
 
 // The derivative of something in the normal that faces outwards, from that in `normal`.
-HWY_INLINE Vectors slope_outwards(const Crossing& at, Vectors slope) {
-  if (at.flat) return facing(at.leaving, slope);
+HWY_INLINE Vectors slope_outwards(const Crossing& crossing, Vectors slope) {
+  if (crossing.flat) return facing(crossing.leaving, slope);
   const auto across = [](Vectors v, Vectors unit) { return v - unit * dot(v, unit); };
   const auto shorter = [](Vectors v, Floats by) { return v * (1 / by); };
   const auto length = [](Vectors v) { return hn::Sqrt(hn::Max(dot(v, v), set(1e-12F))); };
-  const Lift lift = lift_of(at.direction, at.straight_normal, at.flat_normal);
+  const Lift lift = lift_of(crossing.direction, crossing.straight_normal, crossing.flat_normal);
   const Floats lifted_length = length(lift.lifted);
   const Vectors lifted = shorter(lift.lifted, lifted_length);
-  const Vectors by_lifted = shorter(across(slope, at.normal), length(lift.back + lifted));
+  const Vectors by_lifted = shorter(across(slope, crossing.normal), length(lift.back + lifted));
   const Vectors by_mirror =
-      across(shorter(across(by_lifted, lifted), lifted_length), at.flat_normal);
-  const Vectors bent = (lift.back * dot(by_mirror, at.straight_normal) +
-                        by_mirror * dot(lift.back, at.straight_normal)) *
+      across(shorter(across(by_lifted, lifted), lifted_length), crossing.flat_normal);
+  const Vectors bent = (lift.back * dot(by_mirror, crossing.straight_normal) +
+                        by_mirror * dot(lift.back, crossing.straight_normal)) *
                        set(2.0F);
-  return facing(at.leaving, if_then_else(lift.needed, bent, slope));
+  return facing(crossing.leaving, if_then_else(lift.needed, bent, slope));
 }
 
 // The direction in which a smooth boundary lets light through, and the part of it that it reflects

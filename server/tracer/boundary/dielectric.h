@@ -40,18 +40,20 @@ struct Dielectric {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Transmission transmit(const Dielectric& boundary, const Crossing& at) {
-  const Floats cosine = hn::Max(hn::Zero(FloatTag()), -dot(at.direction, at.normal));
-  const Floats index = index_ahead(boundary.index, at.leaving);
+HWY_INLINE Transmission transmit(const Dielectric& boundary, const Crossing& crossing) {
+  const Floats cosine = hn::Max(hn::Zero(FloatTag()), -dot(crossing.direction, crossing.normal));
+  const Floats index = index_ahead(boundary.index, crossing.leaving);
   const auto [reflected, refracted_cosine] = fresnel(cosine, index);
-  return {refracted(at.direction, at.normal, cosine, refracted_cosine, index), reflected};
+  return {refracted(crossing.direction, crossing.normal, cosine, refracted_cosine, index),
+          reflected};
 }
 
-HWY_INLINE BoundaryDraw draw(const Dielectric& boundary, const Crossing& at, const Words& words) {
-  const auto [through, reflected] = transmit(boundary, at);
+HWY_INLINE BoundaryDraw draw(const Dielectric& boundary, const Crossing& crossing,
+                             const Words& words) {
+  const auto [through, reflected] = transmit(boundary, crossing);
   const Mask transmitted = uniform(words.w[0]) >= reflected;
-  return {if_then_else(transmitted, through, mirrored(at.direction, at.normal)), transmitted,
-          set(1.0F)};
+  return {if_then_else(transmitted, through, mirrored(crossing.direction, crossing.normal)),
+          transmitted, set(1.0F)};
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

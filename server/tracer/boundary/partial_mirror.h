@@ -40,12 +40,14 @@ struct PartialMirror {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE BoundaryDraw draw(const PartialMirror& film, const Crossing& at, const Words& words) {
+HWY_INLINE BoundaryDraw draw(const PartialMirror& film, const Crossing& crossing,
+                             const Words& words) {
   const Floats u = uniform(words.w[0]);
   const Mask absorbed = u < film.absorbed;
   const Mask transmitted = u >= film.absorbed + film.reflected;
-  return {if_then_else(transmitted, at.direction, mirrored(at.direction, at.normal)), transmitted,
-          hn::IfThenElse(absorbed, hn::Zero(FloatTag()), set(1.0F))};
+  return {
+      if_then_else(transmitted, crossing.direction, mirrored(crossing.direction, crossing.normal)),
+      transmitted, hn::IfThenElse(absorbed, hn::Zero(FloatTag()), set(1.0F))};
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -24,25 +24,25 @@ std::array<double, 3> going_on(const RoughDielectric& boundary, bool leaving, fl
   const Floats zero = hn::Zero(d), half = set(0.5F);
   const float sine = std::sqrt(1 - cosine * cosine);
   const Vectors up = set(Vec3f{0, 0, 1});
-  const Crossing at = crossing_of(set(Vec3f{sine, 0, leaving ? cosine : -cosine}), up, up,
-                                  hn::FirstN(d, leaving ? lanes() : 0), true, {});
-  const Floats index = index_ahead(boundary.index, at.leaving);
+  const Crossing crossing = crossing_of(set(Vec3f{sine, 0, leaving ? cosine : -cosine}), up, up,
+                                        hn::FirstN(d, leaving ? lanes() : 0), true, {});
+  const Floats index = index_ahead(boundary.index, crossing.leaving);
   // With a third of it, microfacets at which total reflection sets in make 2 to 7 times the error.
   constexpr float kStep = 0.03F;
-  const Floats above = index_ahead(boundary.index + kStep, at.leaving);
-  const Floats below = index_ahead(boundary.index - kStep, at.leaving);
+  const Floats above = index_ahead(boundary.index + kStep, crossing.leaving);
+  const Floats below = index_ahead(boundary.index - kStep, crossing.leaving);
   std::array<double, 3> means{};
   for (size_t k = 0; k < kMicrofacets; k += lanes()) {
     const Floats number = hn::Iota(d, static_cast<float>(k));
     const Floats u0 = (number + half) * (1.0F / kMicrofacets);
     const Floats turns = number * kGolden, u1 = turns - hn::Floor(turns);
-    const Vectors m = sample_microfacet(boundary, at, u0, u1);
-    const Floats i_m = hn::Max(zero, -dot(at.direction, m));
+    const Vectors m = sample_microfacet(boundary, crossing, u0, u1);
+    const Floats i_m = hn::Max(zero, -dot(crossing.direction, m));
     const auto [reflected, refracted_cosine] = fresnel(i_m, index);
     Floats sum = zero, slopes = zero;
     const auto add = [&, reflected = reflected](Vectors to, bool transmitted) {
-      const BoundaryValue value = walter(boundary, at, to);
-      const Floats off = dot(to, at.normal);
+      const BoundaryValue value = walter(boundary, crossing, to);
+      const Floats off = dot(to, crossing.normal);
       const Mask on_its_side = (transmitted ? -off : off) > 0;
       const Mask possible = on_its_side & (value.pdf > 0);
       const Floats probability = transmitted ? 1 - reflected : reflected;
@@ -51,17 +51,19 @@ std::array<double, 3> going_on(const RoughDielectric& boundary, bool leaving, fl
       sum += added;
       slopes = mul_add(added, value.scores[RoughDielectric::kRoughnessSlot], slopes);
     };
-    add(mirrored(at.direction, m), false);
-    add(refracted(at.direction, m, i_m, refracted_cosine, index), true);
+    add(mirrored(crossing.direction, m), false);
+    add(refracted(crossing.direction, m, i_m, refracted_cosine, index), true);
     // What o sees of it is its weight.
     const auto sum_at = [&](Floats other_index) {
       const Fresnel other = fresnel(i_m, other_index);
-      const Vectors through = refracted(at.direction, m, i_m, other.refracted_cosine, other_index);
+      const Vectors through =
+          refracted(crossing.direction, m, i_m, other.refracted_cosine, other_index);
       const auto seen_at = [&](Floats off) {
         return seen(hn::Max(off, zero), boundary.roughness).part;
       };
-      return mul_add(other.reflected, seen_at(dot(mirrored(at.direction, m), at.normal)),
-                     (1 - other.reflected) * seen_at(-dot(through, at.normal)));
+      return mul_add(other.reflected,
+                     seen_at(dot(mirrored(crossing.direction, m), crossing.normal)),
+                     (1 - other.reflected) * seen_at(-dot(through, crossing.normal)));
     };
     const Floats by_index = (sum_at(above) - sum_at(below)) / (2 * kStep);
     // One after the other, so that every width of vectors adds up to the same.
@@ -106,13 +108,13 @@ double mean(const float* table) {
 // M and its slopes.
 LostLight lost_by_angle(const RoughDielectric& boundary) {
   LostLight lost;
-  for (size_t at = 0; at < lost.part.size(); ++at) {
-    const float root = static_cast<float>(at % kCosines) / (kCosines - 1);
+  for (size_t cell = 0; cell < lost.part.size(); ++cell) {
+    const float root = static_cast<float>(cell % kCosines) / (kCosines - 1);
     const auto [part, by_index, by_roughness] =
-        HWY_DYNAMIC_DISPATCH(going_on)(boundary, at >= kCosines, std::max(root * root, 1e-4F));
-    lost.part[at] = static_cast<float>(std::clamp(1 - part, 1e-6, 1.0));
-    lost.slopes[RoughDielectric::kIndexSlot][at] = static_cast<float>(-by_index);
-    lost.slopes[RoughDielectric::kRoughnessSlot][at] = static_cast<float>(-by_roughness);
+        HWY_DYNAMIC_DISPATCH(going_on)(boundary, cell >= kCosines, std::max(root * root, 1e-4F));
+    lost.part[cell] = static_cast<float>(std::clamp(1 - part, 1e-6, 1.0));
+    lost.slopes[RoughDielectric::kIndexSlot][cell] = static_cast<float>(-by_index);
+    lost.slopes[RoughDielectric::kRoughnessSlot][cell] = static_cast<float>(-by_roughness);
   }
   return lost;
 }

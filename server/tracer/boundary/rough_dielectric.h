@@ -86,8 +86,8 @@ HWY_INLINE Seen seen(Floats cosine, float alpha) {
 }
 
 // Along the boundary there is nothing to divide by.
-HWY_INLINE Floats cosine_of_arrival(const Crossing& at) {
-  return hn::Max(-dot(at.direction, at.normal), set(1e-6F));
+HWY_INLINE Floats cosine_of_arrival(const Crossing& crossing) {
+  return hn::Max(-dot(crossing.direction, crossing.normal), set(1e-6F));
 }
 
 // With i the direction back to where the path came from, o where it goes, m the normal of the
@@ -99,13 +99,14 @@ HWY_INLINE Floats cosine_of_arrival(const Crossing& at) {
 //   m ~ i + e o,    pdf = (1 - F) density e^2 |o.m| / |i + e o|^2     of a refraction,
 // and value = pdf G_1(o): what of it o sees. For the score in the index, o stays and m turns by
 //   dm/de = (o - (o.m) m) / (m.(i + e o)).
-HWY_INLINE BoundaryValue walter(const RoughDielectric& boundary, const Crossing& at, Vectors o) {
+HWY_INLINE BoundaryValue walter(const RoughDielectric& boundary, const Crossing& crossing,
+                                Vectors o) {
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   const float alpha = boundary.roughness, alpha2 = alpha * alpha;
-  const Vectors n = at.normal, i = Vectors{zero, zero, zero} - at.direction;
-  const Floats i_n = cosine_of_arrival(at), o_n = dot(o, n);
+  const Vectors n = crossing.normal, i = Vectors{zero, zero, zero} - crossing.direction;
+  const Floats i_n = cosine_of_arrival(crossing), o_n = dot(o, n);
   const Mask reflects = o_n > 0;
-  const Floats e = index_ahead(boundary.index, at.leaving);
+  const Floats e = index_ahead(boundary.index, crossing.leaving);
 
   const Vectors h = i + o * hn::IfThenElse(reflects, one, e);
   const Floats h2 = hn::Max(dot(h, h), set(1e-12F));
@@ -128,7 +129,7 @@ HWY_INLINE BoundaryValue walter(const RoughDielectric& boundary, const Crossing&
   const Floats by_roughness = by_i.score + by_o.score - (4 * alpha * n_m2 / spread - 2 / alpha);
 
   Floats by_index = zero;
-  if (at.asked.index) {
+  if (crossing.asked.index) {
     const Floats least = set(1e-6F), i_o = dot(i, o);
     const Floats d_i_m = per_h * (i_o - i_m * o_m);
     const Floats d_o_m = per_h * (1 - o_m * o_m);
@@ -142,14 +143,14 @@ HWY_INLINE BoundaryValue walter(const RoughDielectric& boundary, const Crossing&
     const Floats of_angles = 1 / e - (i_o + e) / h2;
     const Floats of_spread = 2 * (1 - alpha2) * n_m * d_n_m / spread;
     const Floats of_refraction = mul_add(set(2.0F), of_angles + of_spread, of_power);
-    const Floats d_e = hn::IfThenElse(at.leaving, -(e * e), one);
+    const Floats d_e = hn::IfThenElse(crossing.leaving, -(e * e), one);
     by_index = hn::IfThenElse(reflects, of_reflection, of_refraction) * d_e;
   }
   BoundaryValue result{
       pdf * by_o.part,
       pdf,
       {hn::IfThenElseZero(possible, by_index), hn::IfThenElseZero(possible, by_roughness)}};
-  if (at.asked.normal) {
+  if (crossing.asked.normal) {
     const Floats by_spread = 4 * (1 - alpha2) * n_m / spread;
     const Vectors slope =
         i * (by_i.by_cosine - 1 / i_n) + o * hn::CopySign(by_o.by_cosine, o_n) + m * by_spread;
@@ -162,22 +163,22 @@ HWY_INLINE BoundaryValue walter(const RoughDielectric& boundary, const Crossing&
 // index and the normal. So the derivative of light in the index has another part than value times
 // score: the light from there, by the density of level microfacets times n.dm/de; and that in the
 // normal, by the same density times m. They are drawn by their i.m.
-HWY_INLINE BoundaryEdge edge(const RoughDielectric& boundary, const Crossing& at, Floats u) {
+HWY_INLINE BoundaryEdge edge(const RoughDielectric& boundary, const Crossing& crossing, Floats u) {
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
-  const Vectors n = at.normal, i = Vectors{zero, zero, zero} - at.direction;
-  const Floats i_n = cosine_of_arrival(at);
+  const Vectors n = crossing.normal, i = Vectors{zero, zero, zero} - crossing.direction;
+  const Floats i_n = cosine_of_arrival(crossing);
   const Vectors level = i - n * i_n;
   const Floats sine = hn::Sqrt(dot(level, level));
   const Vectors axis = level * (1 / hn::Max(sine, set(1e-6F)));
   const Floats across = u + u - 1;
   const Floats along = hn::Sqrt(hn::Max(zero, 1 - across * across));
   const Vectors m = axis * along + cross(n, axis) * across;
-  const Floats i_m = sine * along, e = index_ahead(boundary.index, at.leaving);
+  const Floats i_m = sine * along, e = index_ahead(boundary.index, crossing.leaving);
   const auto [reflected, refracted_cosine] = fresnel(i_m, e);
-  const Vectors o = refracted(at.direction, m, i_m, refracted_cosine, e), h = i + o * e;
+  const Vectors o = refracted(crossing.direction, m, i_m, refracted_cosine, e), h = i + o * e;
   const float alpha = boundary.roughness;
   const Floats o_n = hn::Max(-dot(o, n), zero);
-  const Floats d_e = hn::IfThenElse(at.leaving, e * e, one);
+  const Floats d_e = hn::IfThenElse(crossing.leaving, e * e, one);
   const Floats turn = o_n * d_e / hn::Sqrt(hn::Max(dot(h, h), set(1e-12F)));
   const Floats density = seen(i_n, alpha).part * sine / i_n;
   const Floats passing = (1 - reflected) * seen(o_n, alpha).part;
@@ -220,15 +221,16 @@ HWY_INLINE Lost lost_at(const LostLight& table, Mask inside, Floats cosine,
 // which over all o, on both sides, makes M(i), and is reciprocal (after Kulla, Conty, "Revisiting
 // physically based shading at Imageworks", SIGGRAPH course 2017). It is drawn with probability
 // M(i), by the means on both sides, and the cosine law.
-HWY_INLINE BoundaryValue evaluate(const RoughDielectric& boundary, const Crossing& at, Vectors o) {
-  const BoundaryValue once = walter(boundary, at, o);
+HWY_INLINE BoundaryValue evaluate(const RoughDielectric& boundary, const Crossing& crossing,
+                                  Vectors o) {
+  const BoundaryValue once = walter(boundary, crossing, o);
   if (boundary.lost == nullptr) return once;
   const LostLight& table = *boundary.lost;
   const Floats zero = hn::Zero(FloatTag());
-  const Floats o_n = dot(o, at.normal), cosine = hn::Abs(o_n);
-  const Mask inside = at.leaving ^ (o_n <= 0);
-  const Lost i_lost = lost_at(table, at.leaving, cosine_of_arrival(at), at.asked);
-  const Lost o_lost = lost_at(table, inside, cosine, at.asked);
+  const Floats o_n = dot(o, crossing.normal), cosine = hn::Abs(o_n);
+  const Mask inside = crossing.leaving ^ (o_n <= 0);
+  const Lost i_lost = lost_at(table, crossing.leaving, cosine_of_arrival(crossing), crossing.asked);
+  const Lost o_lost = lost_at(table, inside, cosine, crossing.asked);
   const Floats index2 = hn::IfThenElse(inside, set(boundary.index * boundary.index), set(1.0F));
   const Floats law = index2 * cosine * std::numbers::inv_pi_v<float>;
   const Floats both = i_lost.part * o_lost.part;
@@ -238,7 +240,7 @@ HWY_INLINE BoundaryValue evaluate(const RoughDielectric& boundary, const Crossin
   const Floats value = once.value + more;
   BoundaryValue result{value, mul_add(i_lost.part, more_pdf - once.pdf, once.pdf), {zero, zero}};
   for (size_t s = 0; s < kMaxBoundarySlots; ++s) {
-    if (s == RoughDielectric::kIndexSlot && !at.asked.index) continue;
+    if (s == RoughDielectric::kIndexSlot && !crossing.asked.index) continue;
     const Floats both_slope =
         mul_add(i_lost.slopes[s], o_lost.part, i_lost.part * o_lost.slopes[s]);
     Floats more_slope = law * mul_add(both_slope, set(table.norm), both * table.norm_slopes[s]);
@@ -249,11 +251,11 @@ HWY_INLINE BoundaryValue evaluate(const RoughDielectric& boundary, const Crossin
     const Floats slope = mul_add(once.value, once.scores[s], more_slope);
     result.scores[s] = slope / hn::Max(value, set(1e-20F));
   }
-  if (at.asked.normal) {
+  if (crossing.asked.normal) {
     const auto log_slope = [](const Lost& of) { return of.by_cosine / of.part; };
     const Floats by_o = log_slope(o_lost) + 1 / hn::Max(cosine, set(1e-6F));
     const Vectors more_slope = o * (more * by_o * hn::CopySign(set(1.0F), o_n)) -
-                               at.direction * (more * log_slope(i_lost));
+                               crossing.direction * (more * log_slope(i_lost));
     result.by_normal =
         (once.by_normal * once.value + more_slope) * (1 / hn::Max(value, set(1e-20F)));
   }
@@ -262,16 +264,16 @@ HWY_INLINE BoundaryValue evaluate(const RoughDielectric& boundary, const Crossin
 
 // The microfacet, among those that i sees (Dupuy, Benyoub, "Sampling visible GGX normals with
 // spherical caps", HPG 2023).
-HWY_INLINE Vectors sample_microfacet(const RoughDielectric& boundary, const Crossing& at, Floats u0,
-                                     Floats u1) {
+HWY_INLINE Vectors sample_microfacet(const RoughDielectric& boundary, const Crossing& crossing,
+                                     Floats u0, Floats u1) {
   const Floats zero = hn::Zero(FloatTag());
-  const Vectors n = at.normal;
-  const Floats alpha = set(boundary.roughness), i_n = cosine_of_arrival(at);
+  const Vectors n = crossing.normal;
+  const Floats alpha = set(boundary.roughness), i_n = cosine_of_arrival(crossing);
   // With all stretched along the boundary so that the microfacets make a hemisphere.
   const auto stretched = [&](Vectors v, Floats v_n) {
     return normalize((v - n * v_n) * alpha + n * v_n);
   };
-  const Vectors w = stretched(Vectors{zero, zero, zero} - at.direction, i_n);
+  const Vectors w = stretched(Vectors{zero, zero, zero} - crossing.direction, i_n);
   const Floats w_n = dot(w, n);
   const Floats z = (1 - u0) * (1 + w_n) - w_n;
   const Floats sine = hn::Sqrt(hn::Max(zero, 1 - z * z));
@@ -280,31 +282,32 @@ HWY_INLINE Vectors sample_microfacet(const RoughDielectric& boundary, const Cros
   return stretched(h, hn::Max(dot(h, n), set(1e-7F)));
 }
 
-HWY_INLINE BoundaryDraw draw(const RoughDielectric& boundary, const Crossing& at,
+HWY_INLINE BoundaryDraw draw(const RoughDielectric& boundary, const Crossing& crossing,
                              const Words& words) {
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   const Floats u0 = uniform(words.w[0]), u1 = uniform(words.w[1]), u2 = uniform(words.w[2]);
-  const Vectors m = sample_microfacet(boundary, at, u0, u1);
-  const Floats i_m = hn::Max(zero, -dot(at.direction, m));
-  const Floats index = index_ahead(boundary.index, at.leaving);
+  const Vectors m = sample_microfacet(boundary, crossing, u0, u1);
+  const Floats i_m = hn::Max(zero, -dot(crossing.direction, m));
+  const Floats index = index_ahead(boundary.index, crossing.leaving);
   const auto [reflected, refracted_cosine] = fresnel(i_m, index);
   Mask transmitted = u2 >= reflected;
-  Vectors o = if_then_else(transmitted, refracted(at.direction, m, i_m, refracted_cosine, index),
-                           mirrored(at.direction, m));
+  Vectors o =
+      if_then_else(transmitted, refracted(crossing.direction, m, i_m, refracted_cosine, index),
+                   mirrored(crossing.direction, m));
   if (boundary.lost != nullptr) {
     const LostLight& table = *boundary.lost;
-    const Lost lost = lost_at(table, at.leaving, cosine_of_arrival(at), at.asked);
+    const Lost lost = lost_at(table, crossing.leaving, cosine_of_arrival(crossing), crossing.asked);
     const Mask more = uniform(words.w[3]) < lost.part;
     const Mask outside = u2 < table.norm * table.mean[0];
-    const Mask through = !(at.leaving ^ outside);
+    const Mask through = !(crossing.leaving ^ outside);
     const SinCos phi = sin_cos_2pi(u1);
     const Floats sine = hn::Sqrt(u0), cosine = hn::Sqrt(1 - u0);
-    const Vectors spread = frame_to_world(at.normal, sine * phi.cos, sine * phi.sin,
+    const Vectors spread = frame_to_world(crossing.normal, sine * phi.cos, sine * phi.sin,
                                           hn::IfThenElse(through, -cosine, cosine));
     o = if_then_else(more, spread, o);
     transmitted = (more & through) | hn::AndNot(more, transmitted);
   }
-  const Mask on_its_side = transmitted ^ (dot(o, at.normal) > 0);
+  const Mask on_its_side = transmitted ^ (dot(o, crossing.normal) > 0);
   return {o, transmitted, hn::IfThenElseZero(on_its_side, one)};
 }
 

@@ -63,21 +63,21 @@ namespace itn::tracer::HWY_NAMESPACE {
 
 // What happens at the ends of the flights: light is met, or the path is scattered,
 // reflected or refracted.
-inline void interact(Wavefront& wave) {
-  Paths& paths = wave.paths;
-  wave.shadow_rays.count = wave.refracted_rays.count = 0;
-  wave.aimed_again.count = wave.odds_rays.count = wave.shadow_odds.count = 0;
+inline void interact(Wavefront& wavefront) {
+  Paths& paths = wavefront.paths;
+  wavefront.shadow_rays.count = wavefront.refracted_rays.count = 0;
+  wavefront.aimed_again.count = wavefront.odds_rays.count = wavefront.shadow_odds.count = 0;
   const auto end_of = [&](size_t i) { return load(paths.rays.outcome, i) & set(Rays::kEndMask); };
   SlotList escaped;
-  for (size_t i = 0; i < wave.count; i += lanes()) {
-    const Mask live = hn::FirstN(FloatTag(), wave.count - i);
+  for (size_t i = 0; i < wavefront.count; i += lanes()) {
+    const Mask live = hn::FirstN(FloatTag(), wavefront.count - i);
     const Uints end = end_of(i);
-    update_scores(wave, i, equals(end, Rays::kInMedium));
+    update_scores(wavefront, i, equals(end, Rays::kInMedium));
     escaped.add(i, live & equals(end, Rays::kEscaped));
   }
-  escaped.for_each([&](Ints slots, Mask live) { add_emission(wave, slots, live); });
-  for (size_t i = 0; i < wave.count; i += lanes()) {
-    const Mask live = hn::FirstN(FloatTag(), wave.count - i);
+  escaped.for_each([&](Ints slots, Mask live) { add_emission(wavefront, slots, live); });
+  for (size_t i = 0; i < wavefront.count; i += lanes()) {
+    const Mask live = hn::FirstN(FloatTag(), wavefront.count - i);
     const Uints end = end_of(i), one = set(uint32_t{1}), none = hn::Zero(UintTag());
     const Mask scattered = equals(end, Rays::kInMedium), surface = equals(end, Rays::kSurface);
     const Mask crossed = equals(end, Rays::kCrossing);
@@ -85,7 +85,7 @@ inline void interact(Wavefront& wave) {
     store(hn::IfThenElse(for_uints(equals(end, Rays::kLeaked)), one, none), paths.leaked, i);
     store(hn::IfThenElse(for_uints(goes_on), one, none), paths.alive, i);
     if (!hn::AllFalse(FloatTag(), live & goes_on)) {
-      scatter(wave, i, live & scattered, live & surface, live & crossed);
+      scatter(wavefront, i, live & scattered, live & surface, live & crossed);
     }
   }
 }

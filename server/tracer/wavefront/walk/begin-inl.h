@@ -83,13 +83,13 @@ class PathSource {
         sequences_(request.seed, request.estimates) {}
 
   // Puts the next path into a slot, with the camera's ray. False if there is none.
-  bool begin_path(Wavefront& wave, size_t slot) {
-    Paths& paths = wave.paths;
+  bool begin_path(Wavefront& wavefront, size_t slot) {
+    Paths& paths = wavefront.paths;
     if (next_ == count_ && !take_samples()) return false;
     const PathSample& sample = samples_[next_];
     const CameraRay& ray = camera_rays_[next_];
-    wave.begin(slot);
-    wave.for_each_weight([&](FloatColumn& weight) { weight[slot] *= scene_.camera_weight; });
+    wavefront.begin(slot);
+    wavefront.for_each_weight([&](FloatColumn& weight) { weight[slot] *= scene_.camera_weight; });
     for (UintColumn& medium : paths.medium) {
       medium[slot] = static_cast<uint32_t>(scene_.camera_medium);
     }
@@ -97,8 +97,8 @@ class PathSource {
     paths.sample[slot] = sample.sample;
     paths.expected[slot] = sample.expected;
     paths.first_flight[slot] = film_points_[2][next_];
-    if (wave.collected.colours.asked()) {
-      wave.collected.colours.choose(slot, paths.first_flight[slot]);
+    if (wavefront.collected.colours.asked()) {
+      wavefront.collected.colours.choose(slot, paths.first_flight[slot]);
     }
     paths.rays.position.set(slot, ray.origin);
     paths.rays.direction.set(slot, ray.direction);

@@ -18,16 +18,16 @@ namespace itn::tracer::HWY_NAMESPACE {
 
 // Finds the parts of light from `source` (Lights::Light), or from far away in these directions.
 // Inlined, it slows down who asks for none.
-HWY_NOINLINE inline void find_parts(const Wavefront& wave, Vectors direction, Uints source,
+HWY_NOINLINE inline void find_parts(const Wavefront& wavefront, Vectors direction, Uints source,
                                     LightParts& parts) {
-  const Lights& lights = wave.scene.lights;
-  const std::vector<size_t>& numbers = wave.collected.light_scales.lights();
-  const bool in_colours = wave.collected.colours.asked();
+  const Lights& lights = wavefront.scene.lights;
+  const std::vector<size_t>& numbers = wavefront.collected.light_scales.lights();
+  const bool in_colours = wavefront.collected.colours.asked();
   const Floats zero = hn::Zero(FloatTag());
-  for (size_t l = 0; l < wave.part_count; ++l) parts.of[l] = zero;
+  for (size_t l = 0; l < wavefront.part_count; ++l) parts.of[l] = zero;
   const auto add = [&](const Lights::Light& light, Floats radiance) {
     const InColours own = in_colours ? colours(light, direction, radiance) : InColours();
-    for (size_t l = 0; l < wave.part_count; ++l) {
+    for (size_t l = 0; l < wavefront.part_count; ++l) {
       const Floats part = in_colours                   ? own.radiance[l]
                           : numbers[l] == light.number ? radiance
                                                        : zero;
@@ -36,7 +36,7 @@ HWY_NOINLINE inline void find_parts(const Wavefront& wave, Vectors direction, Ui
   };
   const Floats far = emission(lights, direction, add).radiance;
   const Mask shines = equals(source, 0) & (far > 0);
-  for (size_t l = 0; l < wave.part_count; ++l) {
+  for (size_t l = 0; l < wavefront.part_count; ++l) {
     parts.of[l] = hn::IfThenElseZero(shines, parts.of[l] / far);
   }
   for (const Lights::Light& light : lights.all()) {
@@ -47,24 +47,24 @@ HWY_NOINLINE inline void find_parts(const Wavefront& wave, Vectors direction, Ui
 
 // Light that arrives along paths, which weigh it, through a `length` in the object's medium since
 // their last vertex. Of lanes where none arrives, it is 0.
-HWY_INLINE void add_contribution(Wavefront& wave, SlotGather at, Floats light, Floats length,
+HWY_INLINE void add_contribution(Wavefront& wavefront, SlotGather at, Floats light, Floats length,
                                  const LightParts& parts, const PathScores& scores) {
-  Paths& paths = wave.paths;
+  Paths& paths = wavefront.paths;
   const Floats weight = at.get(paths.weight);
   const Floats contribution = weight * light;
   at.add(contribution, paths.radiance);
   Floats by_edges = hn::Zero(FloatTag());
   for (const FloatColumn& edge : paths.edge_weight) by_edges = at.get(edge) * light;
-  if (wave.collected.normal_gradient) {
-    at.add(by_edges, wave.collected.normal_gradient->edge_radiance());
+  if (wavefront.collected.normal_gradient) {
+    at.add(by_edges, wavefront.collected.normal_gradient->edge_radiance());
   }
-  wave.collected.on_light({at, light, contribution, length, parts, scores, by_edges});
+  wavefront.collected.on_light({at, light, contribution, length, parts, scores, by_edges});
 }
 
 // The same, for the gradient in normals: `light` reaches the pixels of the paths in `slots` by the
 // boundary at the places where shadow rays with these numbers begin.
-inline void add_to_normals(Wavefront& wave, Ints numbers, Floats light, Ints slots) {
-  const ShadowRays& rays = wave.shadow_rays;
+inline void add_to_normals(Wavefront& wavefront, Ints numbers, Floats light, Ints slots) {
+  const ShadowRays& rays = wavefront.shadow_rays;
   alignas(64) int32_t slot[kMaxLanes], number[kMaxLanes];
   alignas(64) float part[kMaxLanes];
   hn::Store(slots, IntTag(), slot);
@@ -75,8 +75,8 @@ inline void add_to_normals(Wavefront& wave, Ints numbers, Floats light, Ints slo
   for (Bits bits = bits_of(some); bits != 0; bits &= bits - 1) {
     const auto lane = static_cast<size_t>(std::countr_zero(bits));
     const auto ray = static_cast<size_t>(number[lane]);
-    wave.collected.normal_gradient->add(
-        wave.paths.pixel[slot[lane]], wave.paths.sample[slot[lane]],
+    wavefront.collected.normal_gradient->add(
+        wavefront.paths.pixel[slot[lane]], wavefront.paths.sample[slot[lane]],
         {rays.triangle[ray], rays.rays.position.at(ray), rays.normal_score.at(ray)},
         double{part[lane]});
   }
@@ -84,49 +84,49 @@ inline void add_to_normals(Wavefront& wave, Ints numbers, Floats light, Ints slo
 
 // Light that the walks of paths in such slots meet by themselves, at lamps or after leaving the
 // scene.
-inline void add_emission(Wavefront& wave, Ints slots, Mask live) {
-  const Paths& paths = wave.paths;
+inline void add_emission(Wavefront& wavefront, Ints slots, Mask live) {
+  const Paths& paths = wavefront.paths;
   const SlotGather at{slots};
   const Vectors direction = if_then_else(live, at.get(paths.rays.direction), set(Vec3f{0, 1, 0}));
   const Vectors from = at.get(paths.flight_from);
-  const auto [distance, light] = look(wave.scene.lights, from, direction);
+  const auto [distance, light] = look(wavefront.scene.lights, from, direction);
   const Uints delta_bounce = at.get(paths.delta_bounce);
   const Floats pdf = at.get(paths.pdf);
   Floats mis_weight = set(1.0F);
-  switch (wave.switches.techniques) {
+  switch (wavefront.switches.techniques) {
     case Switches::Techniques::kLightsOnly: mis_weight = hn::Zero(FloatTag()); break;
     case Switches::Techniques::kPhaseOnly: break;
     case Switches::Techniques::kBoth: {
       Floats others = light.pdf;
-      if (wave.refracts_shadow_rays) others = mul_add(at.get(paths.odds[0]), others, others);
+      if (wavefront.refracts_shadow_rays) others = mul_add(at.get(paths.odds[0]), others, others);
       mis_weight = pdf / (pdf + others);
       break;
     }
   }
   Floats alone = set(1.0F);
-  if (wave.refracts_shadow_rays) alone /= alone + at.get(paths.odds[0]);
+  if (wavefront.refracts_shadow_rays) alone /= alone + at.get(paths.odds[0]);
   mis_weight = hn::IfThenElse(not_zero(delta_bounce), alone, mis_weight);
-  if (wave.mirrors_shadow_rays) {
+  if (wavefront.mirrors_shadow_rays) {
     mis_weight = hn::IfThenZeroElse(equals(delta_bounce, PathState::kFound), mis_weight);
   }
   mis_weight = hn::IfThenElseZero(live, mis_weight);
   const Floats arriving = light.radiance * mis_weight;
   LightParts parts;
-  if (wave.part_count > 0) {
-    find_parts(wave, direction, lamp_seen(wave.scene.lights, from, direction), parts);
+  if (wavefront.part_count > 0) {
+    find_parts(wavefront, direction, lamp_seen(wavefront.scene.lights, from, direction), parts);
   }
-  const PathScores scores = wave.collected.scores.of_paths(at);
-  if (wave.collected.colours.asked()) {
-    at.add(wave.collected.colours.add(
+  const PathScores scores = wavefront.collected.scores.of_paths(at);
+  if (wavefront.collected.colours.asked()) {
+    at.add(wavefront.collected.colours.add(
                at, hn::Zero(FloatTag()), [&](size_t c) { return arriving * parts.of[c]; }, scores),
-           wave.paths.radiance);
+           wavefront.paths.radiance);
     return;
   }
-  add_contribution(wave, at, arriving, hn::Zero(FloatTag()), parts, scores);
-  if (wave.collected.map_gradient.asked()) {
-    wave.collected.map_gradient.add(paths.pixel, paths.sample, direction,
-                                    live & hn::Eq(distance, set(kInfinity)),
-                                    at.get(paths.weight) * mis_weight, slots);
+  add_contribution(wavefront, at, arriving, hn::Zero(FloatTag()), parts, scores);
+  if (wavefront.collected.map_gradient.asked()) {
+    wavefront.collected.map_gradient.add(paths.pixel, paths.sample, direction,
+                                         live & hn::Eq(distance, set(kInfinity)),
+                                         at.get(paths.weight) * mis_weight, slots);
   }
 }
 

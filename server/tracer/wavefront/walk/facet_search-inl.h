@@ -17,23 +17,23 @@ namespace itn::tracer::HWY_NAMESPACE {
 
 // Calls visit(number, place, live) for the facets around the ones that rays have met, one of each.
 template <typename SentRays, typename Visit>
-HWY_INLINE void for_each_facet(const Wavefront& wave, const SentRays& sent, size_t i, Uints medium,
-                               Mask met, const Visit& visit) {
+HWY_INLINE void for_each_facet(const Wavefront& wavefront, const SentRays& refracted, size_t i,
+                               Uints medium, Mask met, const Visit& visit) {
   const FloatTag d;
   const IntTag di;
-  const Obstacles& obstacles = wave.scene.obstacles;
+  const Obstacles& obstacles = wavefront.scene.obstacles;
   const Facets& facets = obstacles.facets;
   const auto int_gather = [&](const std::vector<uint32_t>& from, Ints at) {
     return hn::GatherIndex(di, reinterpret_cast<const int32_t*>(from.data()), at);
   };
   const auto int_mask = [&](Mask mask) { return hn::RebindMask(di, mask); };
   const Ints triangle =
-      hn::IfThenElseZero(int_mask(met), hn::BitCast(di, load(wave.crossings.triangle, i)));
+      hn::IfThenElseZero(int_mask(met), hn::BitCast(di, load(wavefront.crossings.triangle, i)));
   const Ints begin = int_gather(facets.first, triangle);
   const Ints end = int_gather(facets.first, triangle + hn::Set(di, 1));
-  const Vectors x = load(sent.origin, i);
-  const Target target = target_of(wave, sent, i);
-  const Floats index = index_of(wave.media, medium);
+  const Vectors x = load(refracted.origin, i);
+  const Target target = target_of(wavefront, refracted, i);
+  const Floats index = index_of(wavefront.media, medium);
   for (Ints at = begin;; at = at + hn::Set(di, 1)) {
     const Mask live = met & hn::RebindMask(d, at < end);
     if (hn::AllFalse(d, live)) return;
@@ -52,36 +52,37 @@ struct FacetChoice {
 // `known`: one that does, at `place_of_known` from there, if it is among them; `found`: whether it
 // is.
 template <typename SentRays>
-HWY_INLINE FacetChoice choose_facet(const Wavefront& wave, const SentRays& sent, size_t i,
+HWY_INLINE FacetChoice choose_facet(const Wavefront& wavefront, const SentRays& refracted, size_t i,
                                     Uints medium, Mask met, Floats u, Uints known,
                                     Vectors place_of_known, Mask& found) {
   constexpr float kSame = 1e-3F;
   const FloatTag d;
   const IntTag di;
   const Floats zero = hn::Zero(d), one = set(1.0F);
-  const bool flat = wave.scene.obstacles.corner_normals.flat();
+  const bool flat = wavefront.scene.obstacles.corner_normals.flat();
   FacetChoice choice{zero, hn::Zero(di), set(Vec3f{0, 1, 0})};
   found = hn::FirstN(d, 0);
-  for_each_facet(wave, sent, i, medium, met, [&](Ints number, const Place& place, Mask live) {
-    const Mask is_number = live & hn::RebindMask(d, hn::Eq(number, hn::BitCast(di, known)));
-    Mask is_known = is_number, refracts = live & place.possible;
-    if (flat) {
-      refracts = is_known | refracts;
-    } else {
-      const Vectors beside = place.to - place_of_known;
-      const Floats most = kSame * kSame * dot(place.to, place.to);
-      is_known = is_number & refracts & (dot(beside, beside) < most);
-    }
-    found |= is_known;
-    choice.count += hn::IfThenElseZero(refracts, one);
-    // One in n is what u says of the n-th, and what is left of u says which of those before.
-    const Floats part = 1 / choice.count;
-    const Mask taken = refracts & (u < part);
-    choice.facet = hn::IfThenElse(hn::RebindMask(di, taken), number, choice.facet);
-    choice.to = if_then_else(taken, place.to, choice.to);
-    const Floats other = hn::Min((u - part) / (1 - part), set(0x1.fffffep-1F));
-    u = hn::IfThenElse(taken, u * choice.count, hn::IfThenElse(refracts, other, u));
-  });
+  for_each_facet(
+      wavefront, refracted, i, medium, met, [&](Ints number, const Place& place, Mask live) {
+        const Mask is_number = live & hn::RebindMask(d, hn::Eq(number, hn::BitCast(di, known)));
+        Mask is_known = is_number, refracts = live & place.possible;
+        if (flat) {
+          refracts = is_known | refracts;
+        } else {
+          const Vectors beside = place.to - place_of_known;
+          const Floats most = kSame * kSame * dot(place.to, place.to);
+          is_known = is_number & refracts & (dot(beside, beside) < most);
+        }
+        found |= is_known;
+        choice.count += hn::IfThenElseZero(refracts, one);
+        // One in n is what u says of the n-th, and what is left of u says which of those before.
+        const Floats part = 1 / choice.count;
+        const Mask taken = refracts & (u < part);
+        choice.facet = hn::IfThenElse(hn::RebindMask(di, taken), number, choice.facet);
+        choice.to = if_then_else(taken, place.to, choice.to);
+        const Floats other = hn::Min((u - part) / (1 - part), set(0x1.fffffep-1F));
+        u = hn::IfThenElse(taken, u * choice.count, hn::IfThenElse(refracts, other, u));
+      });
   return choice;
 }
 
@@ -91,16 +92,17 @@ struct LobeSum {
   Floats count, pdf;
 };
 template <typename SentRays>
-HWY_INLINE LobeSum sum_lobes(const Wavefront& wave, const SentRays& sent, size_t i, Uints medium,
-                             Mask met, Vectors direction) {
+HWY_INLINE LobeSum sum_lobes(const Wavefront& wavefront, const SentRays& refracted, size_t i,
+                             Uints medium, Mask met, Vectors direction) {
   const Floats zero = hn::Zero(FloatTag());
   LobeSum sum{zero, zero};
-  for_each_facet(wave, sent, i, medium, met, [&](Ints /*number*/, const Place& place, Mask live) {
-    const Mask refracts = live & place.possible;
-    const Floats pdf = lobe_pdf(wave, medium, normalize(place.to), direction);
-    sum.count += hn::IfThenElseZero(refracts, set(1.0F));
-    sum.pdf += hn::IfThenElseZero(refracts, pdf);
-  });
+  for_each_facet(wavefront, refracted, i, medium, met,
+                 [&](Ints /*number*/, const Place& place, Mask live) {
+                   const Mask refracts = live & place.possible;
+                   const Floats pdf = lobe_pdf(wavefront, medium, normalize(place.to), direction);
+                   sum.count += hn::IfThenElseZero(refracts, set(1.0F));
+                   sum.pdf += hn::IfThenElseZero(refracts, pdf);
+                 });
   return sum;
 }
 
@@ -115,44 +117,46 @@ inline void for_each_light_column(const RefractedRays& from, RefractedRays& to, 
 }
 // Moves rays that search on to the front of their list, behind those that are there already.
 template <typename SentRays>
-inline void keep_searching(Wavefront& wave, SentRays& sent, size_t i, Mask where, Vectors direction,
-                           size_t& kept) {
+inline void keep_searching(Wavefront& wavefront, SentRays& refracted, size_t i, Mask where,
+                           Vectors direction, size_t& kept) {
   if (hn::AllFalse(FloatTag(), where)) return;
   const Append append{where, kept};
   const auto keep = [&](auto& column) { append(load(column, i), column); };
-  if constexpr (requires { sent.limit; }) {
-    for (auto* column : {&sent.limit, &sent.importance, &sent.light_pdf}) keep(*column);
-    keep(sent.before);
-    for (FloatColumn& score : sent.scores) keep(score);
-    if (!wave.boundary_is_delta) {
-      for_each_light_column(sent, sent,
+  if constexpr (requires { refracted.limit; }) {
+    for (auto* column : {&refracted.limit, &refracted.importance, &refracted.light_pdf})
+      keep(*column);
+    keep(refracted.before);
+    for (FloatColumn& score : refracted.scores) keep(score);
+    if (!wavefront.boundary_is_delta) {
+      for_each_light_column(refracted, refracted,
                             [&](const auto& from, auto& to) { append(load(from, i), to); });
     }
   } else {
-    keep(sent.odds);
-    keep(wave.boundary_is_delta ? sent.exit_place : sent.exit_direction);
-    keep(wave.boundary_is_delta ? sent.facet : sent.shadow_ray);
+    keep(refracted.odds);
+    keep(wavefront.boundary_is_delta ? refracted.exit_place : refracted.exit_direction);
+    keep(wavefront.boundary_is_delta ? refracted.facet : refracted.shadow_ray);
   }
-  append(load(sent.origin, i), sent.rays.position);
-  for (VectorColumn* column : {&sent.origin, &sent.target}) keep(*column);
-  for (UintColumn* column : {&sent.slot, &sent.lamp}) keep(*column);
-  keep(sent.rays.max_medium_length);
-  append(direction, sent.rays.direction);
-  append(set(Rays::kInside), sent.rays.interaction);
+  append(load(refracted.origin, i), refracted.rays.position);
+  for (VectorColumn* column : {&refracted.origin, &refracted.target}) keep(*column);
+  for (UintColumn* column : {&refracted.slot, &refracted.lamp}) keep(*column);
+  keep(refracted.rays.max_medium_length);
+  append(direction, refracted.rays.direction);
+  append(set(Rays::kInside), refracted.rays.interaction);
   kept += hn::CountTrue(FloatTag(), where);
 }
 
 // Follows rays inside to the boundary, and calls visit(i, slots, met): of which paths they are, and
 // which of them meet it.
 template <typename SentRays, typename Visit>
-inline void follow_to_boundary(Wavefront& wave, SentRays& sent, const Visit& visit) {
+inline void follow_to_boundary(Wavefront& wavefront, SentRays& refracted, const Visit& visit) {
   const FloatTag d;
-  follow_lines(wave.scene.obstacles, sent.rays, sent.count, Report::kEnds, &wave.crossings);
-  for (size_t i = 0; i < sent.count; i += lanes()) {
-    const Mask live = hn::FirstN(d, sent.count - i);
-    const Uints end = load(sent.rays.outcome, i) & set(Rays::kEndMask);
-    const Ints slots = slots_in(sent.slot, i, live);
-    mark_leaked(wave.paths, live & equals(end, Rays::kLeaked), slots);
+  follow_lines(wavefront.scene.obstacles, refracted.rays, refracted.count, Report::kEnds,
+               &wavefront.crossings);
+  for (size_t i = 0; i < refracted.count; i += lanes()) {
+    const Mask live = hn::FirstN(d, refracted.count - i);
+    const Uints end = load(refracted.rays.outcome, i) & set(Rays::kEndMask);
+    const Ints slots = slots_in(refracted.slot, i, live);
+    mark_leaked(wavefront.paths, live & equals(end, Rays::kLeaked), slots);
     visit(i, slots, live & equals(end, Rays::kCrossing));
   }
 }
@@ -161,24 +165,24 @@ inline void follow_to_boundary(Wavefront& wave, SentRays& sent, const Visit& vis
 // rays that have met the boundary. The others are aimed by the plane of what they have met, once
 // more; where that is in vain, it calls give_up(i, slots, medium, met).
 template <typename SentRays, typename Solve, typename GiveUp>
-inline void search_facets(Wavefront& wave, SentRays& sent, const Solve& solve,
+inline void search_facets(Wavefront& wavefront, SentRays& refracted, const Solve& solve,
                           const GiveUp& give_up) {
   constexpr int kSearches = 2;
-  for (int search = 1; sent.count > 0; ++search) {
+  for (int search = 1; refracted.count > 0; ++search) {
     size_t kept = 0;
-    follow_to_boundary(wave, sent, [&](size_t i, Ints slots, Mask met) {
-      const Uints medium = wave.medium_in(slots);
+    follow_to_boundary(wavefront, refracted, [&](size_t i, Ints slots, Mask met) {
+      const Uints medium = wavefront.medium_in(slots);
       const Mask left = hn::AndNot(solve(i, slots, medium, met), met);
       if (hn::AllFalse(FloatTag(), left)) return;
       const Vectors normal =
-          if_then_else(left, load(wave.crossings.normal, i), set(Vec3f{0, 1, 0}));
-      const Aim next =
-          aim_at({normal, index_of(wave.media, medium)}, target_of(wave, sent, i).direction());
+          if_then_else(left, load(wavefront.crossings.normal, i), set(Vec3f{0, 1, 0}));
+      const Aim next = aim_at({normal, index_of(wavefront.media, medium)},
+                              target_of(wavefront, refracted, i).direction());
       const Mask goes_on = search < kSearches ? left & next.possible : hn::FirstN(FloatTag(), 0);
       give_up(i, slots, medium, hn::AndNot(goes_on, left));
-      keep_searching(wave, sent, i, goes_on, next.direction, kept);
+      keep_searching(wavefront, refracted, i, goes_on, next.direction, kept);
     });
-    sent.count = kept;
+    refracted.count = kept;
   }
 }
 

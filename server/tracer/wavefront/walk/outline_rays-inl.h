@@ -25,45 +25,47 @@ namespace itn::tracer::HWY_NAMESPACE {
 // tracing through edge sampling", SIGGRAPH Asia 2018.
 
 // `light`: the step of radiance times what the vertex makes of it.
-inline void add_outline_rays(Wavefront& wave, OutlineRays& to, size_t i, const Vertices& vertices,
-                             Mask where, const Outline& outline, Floats distance, Floats light,
-                             const std::vector<size_t>& places) {
+inline void add_outline_rays(Wavefront& wavefront, OutlineRays& to, size_t i,
+                             const Vertices& vertices, Mask where, const Outline& outline,
+                             Floats distance, Floats light, const std::vector<size_t>& places) {
   where &= hn::Abs(light) > 0;
-  const Uints interaction = load(wave.paths.rays.interaction, i);
+  const Uints interaction = load(wavefront.paths.rays.interaction, i);
   const Append append{where, to.count};
-  append(load(wave.paths.rays.position, i), to.rays.position);
+  append(load(wavefront.paths.rays.position, i), to.rays.position);
   append(outline.direction, to.rays.direction);
   append(hn::IfThenZeroElse(for_uints(vertices.at_boundary), interaction), to.rays.interaction);
-  append(kMaxOpticalDepth * free_path_of(wave.media, vertices.medium), to.rays.max_medium_length);
+  append(kMaxOpticalDepth * free_path_of(wavefront.media, vertices.medium),
+         to.rays.max_medium_length);
   if (to.rays.bounded) append(distance, to.rays.distance);
   for (size_t p = 0; p < places.size(); ++p) {
-    append(light * dot(outline.growth, set(wave.collected.light_places.axis(places[p]))),
+    append(light * dot(outline.growth, set(wavefront.collected.light_places.axis(places[p]))),
            to.light[p]);
   }
   append(slots_from(i), to.slot);
   to.count += hn::CountTrue(FloatTag(), where);
 }
 
-inline void send_outline_rays(Wavefront& wave, size_t i, const Vertices& vertices) {
-  if (wave.collected.light_places.outlined().empty()) return;
-  const Mask sent = sending(wave, i, vertices);
-  if (hn::AllFalse(FloatTag(), sent)) return;
-  const Lights& lights = wave.scene.lights;
-  const Vectors position = if_then_else(sent, load(wave.paths.rays.position, i), set(Vec3f{}));
-  const Words words = random(wave, i, load(wave.paths.vertex, i), Sampler::kOutline);
-  for (LightPlaces::Outlined& of : wave.collected.light_places.outlined()) {
+inline void send_outline_rays(Wavefront& wavefront, size_t i, const Vertices& vertices) {
+  if (wavefront.collected.light_places.outlined().empty()) return;
+  const Mask sends = sending(wavefront, i, vertices);
+  if (hn::AllFalse(FloatTag(), sends)) return;
+  const Lights& lights = wavefront.scene.lights;
+  const Vectors position =
+      if_then_else(sends, load(wavefront.paths.rays.position, i), set(Vec3f{}));
+  const Words words = random(wavefront, i, load(wavefront.paths.vertex, i), Sampler::kOutline);
+  for (LightPlaces::Outlined& of : wavefront.collected.light_places.outlined()) {
     visit_kind(of.light.kind, [&]<typename Kind>(const Kind& kind) {
       if constexpr (requires { outline(kind, position, position.x, false); }) {
         for (const bool opposite : {false, true}) {
           const Outline place = outline(kind, position, uniform(words.w[0]), opposite);
-          const Floats value = evaluate_turn(wave, vertices, place.direction).value;
+          const Floats value = evaluate_turn(wavefront, vertices, place.direction).value;
           const Appearance behind = look(lights, position, place.direction, NoParts(), &of.light);
-          const Mask shows = sent & (behind.distance >= place.distance);
+          const Mask shows = sends & (behind.distance >= place.distance);
           OutlineRays* const rays = &of.rays[opposite ? 2 : 0];
-          add_outline_rays(wave, rays[0], i, vertices, shows, place, place.distance,
+          add_outline_rays(wavefront, rays[0], i, vertices, shows, place, place.distance,
                            value * place.radiance, of.places);
           if constexpr (VisibleLamp<Kind>) {
-            add_outline_rays(wave, rays[1], i, vertices, shows, place, behind.distance,
+            add_outline_rays(wavefront, rays[1], i, vertices, shows, place, behind.distance,
                              -(value * behind.emission.radiance), of.places);
           }
         }
@@ -73,24 +75,24 @@ inline void send_outline_rays(Wavefront& wave, size_t i, const Vertices& vertice
 }
 
 // Traces them, and adds the light that they bring to the derivatives.
-inline void trace_outline_rays(Wavefront& wave) {
-  Paths& paths = wave.paths;
+inline void trace_outline_rays(Wavefront& wavefront) {
+  Paths& paths = wavefront.paths;
   const FloatTag d;
-  for (LightPlaces::Outlined& of : wave.collected.light_places.outlined()) {
+  for (LightPlaces::Outlined& of : wavefront.collected.light_places.outlined()) {
     for (OutlineRays& rays : of.rays) {
-      follow_lines(wave.scene.obstacles, rays.rays, rays.count, Report::kLengths,
-                   wave.at_boundary());
+      follow_lines(wavefront.scene.obstacles, rays.rays, rays.count, Report::kLengths,
+                   wavefront.at_boundary());
       for (size_t i = 0; i < rays.count; i += lanes()) {
         const Mask live = hn::FirstN(d, rays.count - i);
         const Uints end = load(rays.rays.outcome, i) & set(Rays::kEndMask);
         const SlotGather at{slots_in(rays.slot, i, live)};
         mark_leaked(paths, live & equals(end, Rays::kLeaked), at.slots);
         const Mask arrived = live & equals(end, Rays::kEscaped);
-        const Floats part =
-            part_arriving(wave, wave.medium_in(at.slots), load(rays.rays.medium_length, i));
+        const Floats part = part_arriving(wavefront, wavefront.medium_in(at.slots),
+                                          load(rays.rays.medium_length, i));
         const Floats weight = hn::IfThenElseZero(arrived, at.get(paths.weight) * part);
         for (size_t p = 0; p < of.places.size(); ++p) {
-          wave.collected.light_places.add(at, weight * load(rays.light[p], i), of.places[p]);
+          wavefront.collected.light_places.add(at, weight * load(rays.light[p], i), of.places[p]);
         }
       }
       rays.count = 0;

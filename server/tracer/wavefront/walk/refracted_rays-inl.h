@@ -57,87 +57,88 @@ namespace itn::tracer::HWY_NAMESPACE {
 // Roulette before anything is traced, as of other shadow rays (send_shadow_rays). What they will
 // carry is not known yet: where the aim was good a rough boundary lets through about q / index^2,
 // and it may let 1 through where it was not.
-inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints medium,
+inline void send_refracted_rays(Wavefront& wavefront, size_t i, Mask scattered, Uints medium,
                                 Vectors position, const LightChoice& drawn,
                                 const LightSamples& light, Floats roulette) {
   const FloatTag d;
-  const Paths& paths = wave.paths;
-  RefractedRays& sent = wave.refracted_rays;
+  const Paths& paths = wavefront.paths;
+  RefractedRays& refracted = wavefront.refracted_rays;
   const Floats one = set(1.0F);
   const Mask dense = light.dense();
-  const Floats index = index_of(wave.media, medium);
-  const Uints lamp = lamp_drawn(wave.scene.lights, drawn.choice);
-  const Target target = wave.searches_facets
-                            ? target_drawn(wave.scene.lights, position, lamp, light)
+  const Floats index = index_of(wavefront.media, medium);
+  const Uints lamp = lamp_drawn(wavefront.scene.lights, drawn.choice);
+  const Target target = wavefront.searches_facets
+                            ? target_drawn(wavefront.scene.lights, position, lamp, light)
                             : far_target(light.direction);
-  const Aim aim = first_aim(wave, medium, position, light.direction);
-  Mask where = wave.searches_facets ? scattered : scattered & aim.possible;
+  const Aim aim = first_aim(wavefront, medium, position, light.direction);
+  Mask where = wavefront.searches_facets ? scattered : scattered & aim.possible;
   if (hn::AllFalse(d, where)) return;
   Vectors direction = if_then_else(aim.possible, aim.direction, light.direction);
   Floats pdf = light.pdf, passing = one;
   Floats light_pdf = one;  // of q s, what is not in `pdf`
-  if (wave.boundary_is_delta) {
+  if (wavefront.boundary_is_delta) {
     pdf = light.pdf * hn::IfThenElse(aim.possible, aim.inner_by_outer, one);
     where &= hn::RebindMask(d, hn::Eq(target.lamp, lamp));
   } else {
     const Vectors axis = direction;
-    if (!wave.searches_facets) {
-      direction = draw_in_lobe(wave, medium, axis,
-                               random(wave, i, load(paths.vertex, i), Sampler::kRefraction));
+    if (!wavefront.searches_facets) {
+      direction = draw_in_lobe(wavefront, medium, axis,
+                               random(wavefront, i, load(paths.vertex, i), Sampler::kRefraction));
     }
-    pdf = lobe_pdf(wave, medium, axis, direction);
+    pdf = lobe_pdf(wavefront, medium, axis, direction);
     passing = mul_add(pdf, 1 / (index * index), one);
     light_pdf = hn::IfThenElse(dense, light.pdf, one);
   }
   const PhaseValue phase =
-      evaluate_phase(wave.media, medium, dot(load(paths.rays.direction, i), direction));
+      evaluate_phase(wavefront.media, medium, dot(load(paths.rays.direction, i), direction));
   Floats radiance = light.radiance;
-  if (wave.scene.lights.has_lamps() || wave.collected.map_gradient.asked()) {
-    radiance = hn::Max(radiance, hn::IfThenElseZero(dense, set(wave.mean_radiance())));
+  if (wavefront.scene.lights.has_lamps() || wavefront.collected.map_gradient.asked()) {
+    radiance = hn::Max(radiance, hn::IfThenElseZero(dense, set(wavefront.mean_radiance())));
   }
   const Floats worth = radiance * (phase.value * passing) / (light_pdf * (pdf + phase.value));
-  const Floats importance = path_importance(wave, i) * worth;
-  const Floats limit = depth_limit(wave, importance, roulette);
-  const Floats limit_mm = limit * free_path_of(wave.media, medium);
+  const Floats importance = path_importance(wavefront, i) * worth;
+  const Floats limit = depth_limit(wavefront, importance, roulette);
+  const Floats limit_mm = limit * free_path_of(wavefront.media, medium);
   where &= (worth > 0) & (limit > 0);
-  if (wave.searches_facets) where = hn::AndNot(limit_mm < least_depth(wave, position), where);
+  if (wavefront.searches_facets)
+    where = hn::AndNot(limit_mm < least_depth(wavefront, position), where);
 
-  const Append append{where, sent.count};
-  append(position, sent.rays.position);
-  append(direction, sent.rays.direction);
-  append(set(Rays::kInside), sent.rays.interaction);
-  append(wave.searches_facets ? longest_search(wave, medium) : limit_mm,
-         sent.rays.max_medium_length);
-  append(slots_from(i), sent.slot);
-  append(importance, sent.importance);
-  append(light.pdf, sent.light_pdf);
-  if (wave.searches_facets) {  // what they bring is known later
-    append(position, sent.origin);
-    append(target.place, sent.target);
-    append(load(paths.rays.direction, i), sent.before);
-    append(target.lamp, sent.lamp);
-    append(limit_mm, sent.limit);
+  const Append append{where, refracted.count};
+  append(position, refracted.rays.position);
+  append(direction, refracted.rays.direction);
+  append(set(Rays::kInside), refracted.rays.interaction);
+  append(wavefront.searches_facets ? longest_search(wavefront, medium) : limit_mm,
+         refracted.rays.max_medium_length);
+  append(slots_from(i), refracted.slot);
+  append(importance, refracted.importance);
+  append(light.pdf, refracted.light_pdf);
+  if (wavefront.searches_facets) {  // what they bring is known later
+    append(position, refracted.origin);
+    append(target.place, refracted.target);
+    append(load(paths.rays.direction, i), refracted.before);
+    append(target.lamp, refracted.lamp);
+    append(limit_mm, refracted.limit);
   } else {
-    append(target.place, sent.to_light);
-    append(phase.value, sent.phase);
-    append(pdf, sent.pdf);
+    append(target.place, refracted.to_light);
+    append(phase.value, refracted.phase);
+    append(pdf, refracted.pdf);
   }
-  if (!wave.boundary_is_delta) {
-    append(light.radiance, sent.radiance);
-    if (wave.part_count > 0) append(light.source, sent.source);
-    if (wave.shadow_rays.rays.bounded) {
-      append(drawn.choice, sent.choice);
-      append(drawn.uniforms.u0, sent.u0);
-      append(drawn.uniforms.u1, sent.u1);
+  if (!wavefront.boundary_is_delta) {
+    append(light.radiance, refracted.radiance);
+    if (wavefront.part_count > 0) append(light.source, refracted.source);
+    if (wavefront.shadow_rays.rays.bounded) {
+      append(drawn.choice, refracted.choice);
+      append(drawn.uniforms.u0, refracted.u0);
+      append(drawn.uniforms.u1, refracted.u1);
     }
   }
-  const Scores& scores = wave.collected.scores;
-  const size_t of_phase = wave.searches_facets ? 0 : scores.phase_count();
-  for (size_t s = 0; s < sent.scores.size(); ++s) {
+  const Scores& scores = wavefront.collected.scores;
+  const size_t of_phase = wavefront.searches_facets ? 0 : scores.phase_count();
+  for (size_t s = 0; s < refracted.scores.size(); ++s) {
     const Floats score = load(scores.of_path(s), i);
-    append(s < of_phase ? score + phase.scores[s] : score, sent.scores[s]);
+    append(s < of_phase ? score + phase.scores[s] : score, refracted.scores[s]);
   }
-  sent.count += hn::CountTrue(d, where);
+  refracted.count += hn::CountTrue(d, where);
 }
 
 // How they go on behind the boundary.
@@ -151,23 +152,23 @@ struct Exit {
 };
 
 // Towards the light that was drawn.
-HWY_INLINE Exit exit_of_rough(const Wavefront& wave, const RefractedRays& sent, size_t i,
+HWY_INLINE Exit exit_of_rough(const Wavefront& wavefront, const RefractedRays& refracted, size_t i,
                               Uints medium, const Crossing& at, Floats arriving) {
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
-  LightSamples light{load(sent.to_light, i), set(kInfinity), load(sent.radiance, i),
-                     load(sent.light_pdf, i), load(sent.source, i)};
-  if (wave.shadow_rays.rays.bounded) {
-    const LightChoice drawn{load(sent.choice, i),
-                            {zero, zero, load(sent.u0, i), load(sent.u1, i), Words{}}};
-    light = seen_from(wave.scene.lights, load(sent.rays.position, i), drawn, light);
+  LightSamples light{load(refracted.to_light, i), set(kInfinity), load(refracted.radiance, i),
+                     load(refracted.light_pdf, i), load(refracted.source, i)};
+  if (wavefront.shadow_rays.rays.bounded) {
+    const LightChoice drawn{load(refracted.choice, i),
+                            {zero, zero, load(refracted.u0, i), load(refracted.u1, i), Words{}}};
+    light = seen_from(wavefront.scene.lights, load(refracted.rays.position, i), drawn, light);
   }
   Exit exit{light.direction, light.distance, light.radiance, light.source, one, {zero}};
-  const BoundaryValue boundary = evaluate_boundary(wave.media, medium, at, exit.to_light);
-  const Floats phase = load(sent.phase, i), light_pdf = light.pdf;
+  const BoundaryValue boundary = evaluate_boundary(wavefront.media, medium, at, exit.to_light);
+  const Floats phase = load(refracted.phase, i), light_pdf = light.pdf;
   const Floats walk_pdf = phase * arriving;
   const Mask dense = light.dense();
-  Floats pdf_sum = hn::IfThenElse(dense, light_pdf, one) * (load(sent.pdf, i) + walk_pdf);
-  if (wave.switches.techniques == Switches::Techniques::kBoth) {
+  Floats pdf_sum = hn::IfThenElse(dense, light_pdf, one) * (load(refracted.pdf, i) + walk_pdf);
+  if (wavefront.switches.techniques == Switches::Techniques::kBoth) {
     pdf_sum += hn::IfThenElseZero(dense, walk_pdf * boundary.pdf);
   }
   exit.per_radiance = phase * boundary.value / pdf_sum;
@@ -177,58 +178,60 @@ HWY_INLINE Exit exit_of_rough(const Wavefront& wave, const RefractedRays& sent, 
 }
 
 // Whereto the boundary refracts them, where there are any.
-HWY_INLINE Exit exit_of_smooth(const Wavefront& wave, const RefractedRays& sent, size_t i,
+HWY_INLINE Exit exit_of_smooth(const Wavefront& wavefront, const RefractedRays& refracted, size_t i,
                                Uints medium, const Crossing& at, Floats arriving, Mask where) {
-  const auto [direction, reflected] = transmit_boundary(wave.media, medium, at);
+  const auto [direction, reflected] = transmit_boundary(wavefront.media, medium, at);
   const Vectors to_light = if_then_else(where, direction, set(Vec3f{0, 1, 0}));
-  const Lights& lights = wave.scene.lights;
-  const Vectors position = load(sent.rays.position, i);
+  const Lights& lights = wavefront.scene.lights;
+  const Vectors position = load(refracted.rays.position, i);
   const auto [distance, light] = look(lights, position, to_light);
-  const Floats passing = load(sent.phase, i) * (1 - reflected);
+  const Floats passing = load(refracted.phase, i) * (1 - reflected);
   const Uints lamp = lamp_seen(lights, position, to_light);
-  const Mask as_drawn = hn::RebindMask(FloatTag(), hn::Eq(lamp, load(sent.lamp, i)));
-  return {to_light,
-          distance,
-          hn::IfThenElseZero(as_drawn, light.radiance),
-          lamp,
-          hn::IfThenElseZero(as_drawn, passing / mul_add(passing, arriving, load(sent.pdf, i))),
-          {hn::Zero(FloatTag())}};
+  const Mask as_drawn = hn::RebindMask(FloatTag(), hn::Eq(lamp, load(refracted.lamp, i)));
+  return {
+      to_light,
+      distance,
+      hn::IfThenElseZero(as_drawn, light.radiance),
+      lamp,
+      hn::IfThenElseZero(as_drawn, passing / mul_add(passing, arriving, load(refracted.pdf, i))),
+      {hn::Zero(FloatTag())}};
 }
 
 // From the boundary they go on as shadow rays.
-inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Uints medium, Mask where) {
+inline void leave(Wavefront& wavefront, const RefractedRays& refracted, size_t i, Uints medium,
+                  Mask where) {
   const FloatTag d;
   if (hn::AllFalse(d, where)) return;
   const Floats zero = hn::Zero(d);
-  const Vectors direction = load(sent.rays.direction, i);
-  const Vectors flat_normal = load(wave.crossings.normal, i);
+  const Vectors direction = load(refracted.rays.direction, i);
+  const Vectors flat_normal = load(wavefront.crossings.normal, i);
   const Crossing at = crossing_of(
-      direction, load(wave.crossings.smooth_normal, i), flat_normal, hn::FirstN(d, lanes()),
-      wave.scene.obstacles.corner_normals.flat(), wave.boundary_derivatives);
-  const Floats length = load(sent.rays.medium_length, i);
-  const Floats arriving = part_arriving(wave, medium, length);
-  const Exit exit = wave.boundary_is_delta
-                        ? exit_of_smooth(wave, sent, i, medium, at, arriving, where)
-                        : exit_of_rough(wave, sent, i, medium, at, arriving);
+      direction, load(wavefront.crossings.smooth_normal, i), flat_normal, hn::FirstN(d, lanes()),
+      wavefront.scene.obstacles.corner_normals.flat(), wavefront.boundary_derivatives);
+  const Floats length = load(refracted.rays.medium_length, i);
+  const Floats arriving = part_arriving(wavefront, medium, length);
+  const Exit exit = wavefront.boundary_is_delta
+                        ? exit_of_smooth(wavefront, refracted, i, medium, at, arriving, where)
+                        : exit_of_rough(wavefront, refracted, i, medium, at, arriving);
   where &= (dot(flat_normal, exit.to_light) > 0) & (exit.per_radiance > 0);
-  const Mask from_far = (load(sent.light_pdf, i) > 0) & hn::Eq(exit.distance, set(kInfinity));
-  const size_t of_phase = wave.collected.scores.phase_count();
-  add_shadow_rays(wave, where,
-                  {.position = load(sent.rays.position, i),
+  const Mask from_far = (load(refracted.light_pdf, i) > 0) & hn::Eq(exit.distance, set(kInfinity));
+  const size_t of_phase = wavefront.collected.scores.phase_count();
+  add_shadow_rays(wavefront, where,
+                  {.position = load(refracted.rays.position, i),
                    .direction = exit.to_light,
                    .interaction = hn::Zero(UintTag()),
-                   .slot = load(sent.slot, i),
+                   .slot = load(refracted.slot, i),
                    .light = exit.radiance * exit.per_radiance,
                    .source = exit.source,
-                   .importance = load(sent.importance, i),
+                   .importance = load(refracted.importance, i),
                    .per_radiance = hn::IfThenElseZero(from_far, exit.per_radiance),
                    .distance = exit.distance,
                    .max_medium_length = zero,
                    .length_before = length,
                    .normal_score = exit.normal_score,
-                   .triangle = load(wave.crossings.triangle, i)},
+                   .triangle = load(wavefront.crossings.triangle, i)},
                   [&](size_t s) {
-                    const Floats score = load(sent.scores[s], i);
+                    const Floats score = load(refracted.scores[s], i);
                     return s < of_phase ? score : score + exit.scores[s - of_phase];
                   });
 }
@@ -239,32 +242,33 @@ struct AimedRays {
   Floats pdf;  // with which that was drawn, per steradian, times that of the light if it is a delta
   Ints facet;
 };
-inline void add_aimed(Wavefront& wave, size_t i, Uints medium, Mask where, const AimedRays& aimed) {
-  const RefractedRays& sent = wave.refracted_rays;
-  RefractedRays& again = wave.aimed_again;
+inline void add_aimed(Wavefront& wavefront, size_t i, Uints medium, Mask where,
+                      const AimedRays& aimed) {
+  const RefractedRays& refracted = wavefront.refracted_rays;
+  RefractedRays& again = wavefront.aimed_again;
   const PhaseValue phase =
-      evaluate_phase(wave.media, medium, dot(load(sent.before, i), aimed.direction));
+      evaluate_phase(wavefront.media, medium, dot(load(refracted.before, i), aimed.direction));
   const Append append{where, again.count};
-  append(load(sent.origin, i), again.rays.position);
+  append(load(refracted.origin, i), again.rays.position);
   append(aimed.direction, again.rays.direction);
   append(set(Rays::kInside), again.rays.interaction);
-  append(load(sent.limit, i), again.rays.max_medium_length);
-  append(load(sent.slot, i), again.slot);
-  append(load(sent.importance, i), again.importance);
+  append(load(refracted.limit, i), again.rays.max_medium_length);
+  append(load(refracted.slot, i), again.slot);
+  append(load(refracted.importance, i), again.importance);
   append(phase.value, again.phase);
   append(aimed.pdf, again.pdf);
-  append(load(sent.light_pdf, i), again.light_pdf);
-  if (wave.boundary_is_delta) {
-    append(load(sent.lamp, i), again.lamp);
+  append(load(refracted.light_pdf, i), again.light_pdf);
+  if (wavefront.boundary_is_delta) {
+    append(load(refracted.lamp, i), again.lamp);
     append(hn::BitCast(UintTag(), aimed.facet), again.facet);
   } else {
-    append(target_of(wave, sent, i).direction(), again.to_light);
-    for_each_light_column(sent, again,
+    append(target_of(wavefront, refracted, i).direction(), again.to_light);
+    for_each_light_column(refracted, again,
                           [&](const auto& from, auto& to) { append(load(from, i), to); });
   }
-  const size_t of_phase = wave.collected.scores.phase_count();
-  for (size_t s = 0; s < sent.scores.size(); ++s) {
-    const Floats score = load(sent.scores[s], i);
+  const size_t of_phase = wavefront.collected.scores.phase_count();
+  for (size_t s = 0; s < refracted.scores.size(); ++s) {
+    const Floats score = load(refracted.scores[s], i);
     append(s < of_phase ? score + phase.scores[s] : score, again.scores[s]);
   }
   again.count += hn::CountTrue(FloatTag(), where);
@@ -272,68 +276,70 @@ inline void add_aimed(Wavefront& wave, size_t i, Uints medium, Mask where, const
 
 // In a lobe around an axis; `pdf_of(direction)` is the density of all lobes that it may be of.
 template <typename PdfOf>
-inline void aim_lobe(Wavefront& wave, size_t i, Ints slots, Uints medium, Mask where, Vectors axis,
-                     const PdfOf& pdf_of) {
+inline void aim_lobe(Wavefront& wavefront, size_t i, Ints slots, Uints medium, Mask where,
+                     Vectors axis, const PdfOf& pdf_of) {
   if (hn::AllFalse(FloatTag(), where)) return;
   axis = if_then_else(where, axis, set(Vec3f{0, 1, 0}));
-  const Vectors direction = draw_in_lobe(wave, medium, axis, refraction_words(wave, slots));
-  add_aimed(wave, i, medium, where, {direction, pdf_of(direction), hn::Zero(IntTag())});
+  const Vectors direction =
+      draw_in_lobe(wavefront, medium, axis, refraction_words(wavefront, slots));
+  add_aimed(wavefront, i, medium, where, {direction, pdf_of(direction), hn::Zero(IntTag())});
 }
 
 // At one of the facets around the one that they have met; returns where there is one.
-inline Mask aim_again(Wavefront& wave, size_t i, Ints slots, Uints medium, Mask where) {
-  const RefractedRays& sent = wave.refracted_rays;
+inline Mask aim_again(Wavefront& wavefront, size_t i, Ints slots, Uints medium, Mask where) {
+  const RefractedRays& refracted = wavefront.refracted_rays;
   if (hn::AllFalse(FloatTag(), where)) return where;
-  const Vectors x = load(sent.origin, i);
-  const Floats u = uniform(refraction_words(wave, slots).w[0]);
+  const Vectors x = load(refracted.origin, i);
+  const Floats u = uniform(refraction_words(wavefront, slots).w[0]);
   Mask found;
   const auto [count, facet, to] =
-      choose_facet(wave, sent, i, medium, where, u, set(~uint32_t{0}), x, found);
+      choose_facet(wavefront, refracted, i, medium, where, u, set(~uint32_t{0}), x, found);
   const Mask solved = where & (count > 0);
   if (hn::AllFalse(FloatTag(), solved)) return solved;
-  if (!wave.boundary_is_delta) {
+  if (!wavefront.boundary_is_delta) {
     const Vectors axis = normalize(to);
     const bool one_each = hn::AllFalse(FloatTag(), solved & (count > 1));
-    aim_lobe(wave, i, slots, medium, solved, axis, [&](Vectors direction) {
-      return one_each ? lobe_pdf(wave, medium, axis, direction)
-                      : sum_lobes(wave, sent, i, medium, solved, direction).pdf / count;
+    aim_lobe(wavefront, i, slots, medium, solved, axis, [&](Vectors direction) {
+      return one_each ? lobe_pdf(wavefront, medium, axis, direction)
+                      : sum_lobes(wavefront, refracted, i, medium, solved, direction).pdf / count;
     });
     return solved;
   }
-  const Aim aim = aim_at_place(wave.scene.obstacles, facet, index_of(wave.media, medium), x,
-                               target_of(wave, sent, i), to);
-  const Floats pdf = load(sent.light_pdf, i) * aim.inner_by_outer / count;
-  add_aimed(wave, i, medium, solved & (pdf > 0) & (pdf < kMostDensity),
+  const Aim aim = aim_at_place(wavefront.scene.obstacles, facet, index_of(wavefront.media, medium),
+                               x, target_of(wavefront, refracted, i), to);
+  const Floats pdf = load(refracted.light_pdf, i) * aim.inner_by_outer / count;
+  add_aimed(wavefront, i, medium, solved & (pdf > 0) & (pdf < kMostDensity),
             {aim.direction, pdf, facet});
   return solved;
 }
 
-inline void cross_refracted_rays(Wavefront& wave) {
-  RefractedRays &first = wave.refracted_rays, &again = wave.aimed_again;
-  if (!wave.searches_facets) {
-    return follow_to_boundary(wave, first, [&](size_t i, Ints slots, Mask met) {
-      leave(wave, first, i, wave.medium_in(slots), met);
+inline void cross_refracted_rays(Wavefront& wavefront) {
+  RefractedRays &first = wavefront.refracted_rays, &again = wavefront.aimed_again;
+  if (!wavefront.searches_facets) {
+    return follow_to_boundary(wavefront, first, [&](size_t i, Ints slots, Mask met) {
+      leave(wavefront, first, i, wavefront.medium_in(slots), met);
     });
   }
   search_facets(
-      wave, first,
+      wavefront, first,
       [&](size_t i, Ints slots, Uints medium, Mask met) {
-        return aim_again(wave, i, slots, medium, met);
+        return aim_again(wavefront, i, slots, medium, met);
       },
       [&](size_t i, Ints slots, Uints medium, Mask met) {
-        if (wave.boundary_is_delta) return;
-        const Aim aim = first_aim_of(wave, first, i, medium, met);
-        aim_lobe(wave, i, slots, medium, met & aim.possible, aim.direction, [&](Vectors direction) {
-          return lobe_pdf(wave, medium, aim.direction, direction);
-        });
+        if (wavefront.boundary_is_delta) return;
+        const Aim aim = first_aim_of(wavefront, first, i, medium, met);
+        aim_lobe(wavefront, i, slots, medium, met & aim.possible, aim.direction,
+                 [&](Vectors direction) {
+                   return lobe_pdf(wavefront, medium, aim.direction, direction);
+                 });
       });
   if (again.count == 0) return;
-  follow_to_boundary(wave, again, [&](size_t i, Ints slots, Mask met) {
-    if (wave.boundary_is_delta) {
-      const auto as_aimed = hn::Eq(load(wave.crossings.triangle, i), load(again.facet, i));
+  follow_to_boundary(wavefront, again, [&](size_t i, Ints slots, Mask met) {
+    if (wavefront.boundary_is_delta) {
+      const auto as_aimed = hn::Eq(load(wavefront.crossings.triangle, i), load(again.facet, i));
       met &= hn::RebindMask(FloatTag(), as_aimed);
     }
-    leave(wave, again, i, wave.medium_in(slots), met);
+    leave(wavefront, again, i, wavefront.medium_in(slots), met);
   });
 }
 

@@ -62,13 +62,14 @@ constexpr float kMinExponent = -4;
 //   kappa = sqrt(3 (1 - albedo) (1 - albedo g)) sigma_t,
 // which is too steep where it exceeds sigma_t. As this knows nothing of where the light comes
 // from, nor of paths that bring it back, only a part of it is believed.
-HWY_INLINE Floats remaining_light(const Wavefront& wave, const WalkRoulette& roulette, size_t i) {
-  const Paths& paths = wave.paths;
+HWY_INLINE Floats remaining_light(const Wavefront& wavefront, const WalkRoulette& roulette,
+                                  size_t i) {
+  const Paths& paths = wavefront.paths;
   const Mask inside = is_inside(load(paths.rays.interaction, i));
-  const DepthGrid& depth_grid = wave.scene.obstacles.depth_grid;
+  const DepthGrid& depth_grid = wavefront.scene.obstacles.depth_grid;
   const Ints cells = cells_at(depth_grid.cells, load(paths.rays.position, i));
   const Floats quantized = hn::IfThenElseZero(inside, quantized_depth(depth_grid, cells));
-  const Floats attenuation = by_medium(wave.media, wave.medium(i), [&](const Medium& of) {
+  const Floats attenuation = by_medium(wavefront.media, wavefront.medium(i), [&](const Medium& of) {
     return set(roulette.attenuations[of.number]);
   });
   const Floats exponent = -(quantized * attenuation);
@@ -76,12 +77,12 @@ HWY_INLINE Floats remaining_light(const Wavefront& wave, const WalkRoulette& rou
 }
 
 // The survival that path tracers usually play by.
-inline Floats throughput_survival(const Wavefront& wave, size_t i) {
-  const Paths& paths = wave.paths;
+inline Floats throughput_survival(const Wavefront& wavefront, size_t i) {
+  const Paths& paths = wavefront.paths;
   const Mask begun =
       hn::RebindMask(FloatTag(), hn::BitCast(IntTag(), load(paths.vertex, i)) >
                                      hn::Set(IntTag(), int{ThroughputRoulette::kFirstVertex} - 1));
-  Floats importance = wave.collected.throughput(load(paths.weight, i), i);
+  Floats importance = wavefront.collected.throughput(load(paths.weight, i), i);
   for (const FloatColumn& edge : paths.edge_weight) importance = hn::Max(importance, load(edge, i));
   const Mask crosses =
       hn::RebindMask(FloatTag(), hn::Ne(load(paths.crossings, i), hn::Zero(UintTag())));
@@ -90,15 +91,15 @@ inline Floats throughput_survival(const Wavefront& wave, size_t i) {
 }
 
 // What the boundary makes of the weights.
-HWY_INLINE void apply_crossing(Wavefront& wave, size_t i) {
-  Paths& paths = wave.paths;
+HWY_INLINE void apply_crossing(Wavefront& wavefront, size_t i) {
+  Paths& paths = wavefront.paths;
   const Floats weight = load(paths.weight, i);
   Floats colour_weights[kColours.size()];
-  Colours& colours = wave.collected.colours;
+  Colours& colours = wavefront.collected.colours;
   colours.for_each_edge([&](size_t c, const FloatColumn& of_colour, const FloatColumn& /*edge*/) {
     colour_weights[c] = load(of_colour, i);
   });
-  multiply_weights(wave, i, load(paths.crossing_weight, i));
+  multiply_weights(wavefront, i, load(paths.crossing_weight, i));
   if (paths.edge_weight.empty()) return;
   const Floats by = load(paths.crossing_edge_weight[0], i);
   const auto add_to = [&](FloatColumn& edge, Floats before) {
@@ -111,19 +112,19 @@ HWY_INLINE void apply_crossing(Wavefront& wave, size_t i) {
 }
 
 // Russian roulette: a path that is worth little ends, or goes on for those that ended.
-inline void russian_roulette(Wavefront& wave, const WalkRoulette& roulette) {
-  Paths& paths = wave.paths;
+inline void russian_roulette(Wavefront& wavefront, const WalkRoulette& roulette) {
+  Paths& paths = wavefront.paths;
   const Floats one = set(1.0F);
-  for (size_t i = 0; i < wave.count; i += lanes()) {
-    if (wave.stops_at_boundary) apply_crossing(wave, i);
+  for (size_t i = 0; i < wavefront.count; i += lanes()) {
+    if (wavefront.stops_at_boundary) apply_crossing(wavefront, i);
     const Floats probability =
-        wave.switches.throughput_roulette
-            ? throughput_survival(wave, i)
-            : hn::Min(one, path_importance(wave, i) * remaining_light(wave, roulette, i) *
+        wavefront.switches.throughput_roulette
+            ? throughput_survival(wavefront, i)
+            : hn::Min(one, path_importance(wavefront, i) * remaining_light(wavefront, roulette, i) *
                                roulette.per_threshold);
     const Mask survives = (load(paths.u3, i) < probability) & !not_zero(load(paths.leaked, i));
     const Floats factor = 1 / hn::Max(probability, set(1e-30F));
-    multiply_weights(wave, i, factor);
+    multiply_weights(wavefront, i, factor);
     store(hn::IfThenElseZero(for_uints(survives), load(paths.alive, i)), paths.alive, i);
     store(load(paths.vertex, i) + set(uint32_t{1}), paths.vertex, i);
   }

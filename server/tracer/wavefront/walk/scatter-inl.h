@@ -22,16 +22,16 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Vertices vertices_of(const Wavefront& wave, size_t i, Mask in_medium, Mask on_surface,
-                                Mask at_boundary) {
+HWY_INLINE Vertices vertices_of(const Wavefront& wavefront, size_t i, Mask in_medium,
+                                Mask on_surface, Mask at_boundary) {
   const FloatTag d;
-  const Paths& paths = wave.paths;
-  const Surfaces& surfaces = wave.scene.obstacles.surfaces;
+  const Paths& paths = wavefront.paths;
+  const Surfaces& surfaces = wavefront.scene.obstacles.surfaces;
   const Vectors before = load(paths.rays.direction, i);
   Vertices vertices{.in_medium = in_medium,
                     .on_surface = on_surface,
                     .at_boundary = at_boundary,
-                    .medium = wave.medium(i),
+                    .medium = wavefront.medium(i),
                     .any_on_surface = !hn::AllFalse(d, on_surface),
                     .any_at_boundary = !hn::AllFalse(d, at_boundary),
                     .crossing = {},
@@ -40,13 +40,13 @@ HWY_INLINE Vertices vertices_of(const Wavefront& wave, size_t i, Mask in_medium,
                     .factor = hn::Zero(d),
                     .triangles = hn::Set(IntTag(), -1)};
   vertices.factor =
-      by_medium(wave.media, vertices.medium, [](const Medium& of) { return set(of.albedo); });
+      by_medium(wavefront.media, vertices.medium, [](const Medium& of) { return set(of.albedo); });
   if (vertices.any_at_boundary) {
     const Mask inside = is_inside(load(paths.rays.interaction, i));
-    const Crossings& crossings = wave.crossings;
-    vertices.crossing =
-        crossing_of(before, load(crossings.smooth_normal, i), load(crossings.normal, i), inside,
-                    wave.scene.obstacles.corner_normals.flat(), wave.boundary_derivatives);
+    const Crossings& crossings = wavefront.crossings;
+    vertices.crossing = crossing_of(
+        before, load(crossings.smooth_normal, i), load(crossings.normal, i), inside,
+        wavefront.scene.obstacles.corner_normals.flat(), wavefront.boundary_derivatives);
     vertices.factor = hn::IfThenElse(at_boundary, set(1.0F), vertices.factor);
   }
   if (vertices.any_on_surface) {
@@ -79,33 +79,34 @@ HWY_INLINE Vertices vertices_of(const Wavefront& wave, size_t i, Mask in_medium,
 }
 
 // W takes the factor.
-HWY_INLINE void multiply_by_factor(Wavefront& wave, size_t i, const Vertices& vertices) {
-  Paths& paths = wave.paths;
+HWY_INLINE void multiply_by_factor(Wavefront& wavefront, size_t i, const Vertices& vertices) {
+  Paths& paths = wavefront.paths;
   const Floats factor = vertices.factor, weight = load(paths.weight, i);
-  const Mask by_albedo = in_object(wave.media, vertices.medium, vertices.in_medium);
-  wave.collected.on_vertex({i, vertices, load(paths.rays.position, i), weight, by_albedo});
+  const Mask by_albedo = in_object(wavefront.media, vertices.medium, vertices.in_medium);
+  wavefront.collected.on_vertex({i, vertices, load(paths.rays.position, i), weight, by_albedo});
   store(weight * factor, paths.weight, i);
   for (FloatColumn& edge : paths.edge_weight) store(load(edge, i) * factor, edge, i);
 }
 
 // The odds for light that the walk meets behind a nearly smooth boundary in a direction.
-inline void send_walk_odds(Wavefront& wave, size_t i, Mask where, const Vertices& vertices,
+inline void send_walk_odds(Wavefront& wavefront, size_t i, Mask where, const Vertices& vertices,
                            Vectors direction) {
-  const Lights& lights = wave.scene.lights;
-  const Vectors position = load(wave.paths.rays.position, i);
+  const Lights& lights = wavefront.scene.lights;
+  const Vectors position = load(wavefront.paths.rays.position, i);
   direction = if_then_else(where, direction, set(Vec3f{0, 1, 0}));
   where &= look(lights, position, direction).emission.pdf > 0;
-  const Target target = target_at(lights, scattered_at(wave.paths, i),
-                                  redraw(lights, position, direction, scattered_at(wave.paths, i)),
-                                  lamp_seen(lights, position, direction), set(kInfinity));
-  send_lobe_odds(wave, wave.odds_rays, i, where, vertices.medium, target, set(1.0F),
+  const Target target =
+      target_at(lights, scattered_at(wavefront.paths, i),
+                redraw(lights, position, direction, scattered_at(wavefront.paths, i)),
+                lamp_seen(lights, position, direction), set(kInfinity));
+  send_lobe_odds(wavefront, wavefront.odds_rays, i, where, vertices.medium, target, set(1.0F),
                  hn::Zero(UintTag()));
 }
 
 // Remembers how paths cross the boundary, for a gradient in its normals.
-inline void note_turns(Wavefront& wave, size_t i, Mask where, const Crossing& at,
+inline void note_turns(Wavefront& wavefront, size_t i, Mask where, const Crossing& at,
                        const BoundarySample& next, Mask edge) {
-  Paths& paths = wave.paths;
+  Paths& paths = wavefront.paths;
   const Mask goes_on = edge | (next.weight > 0);
   const Mask scored = dot(next.by_normal, next.by_normal) > 0;
   VectorColumn score;
@@ -114,35 +115,35 @@ inline void note_turns(Wavefront& wave, size_t i, Mask where, const Crossing& at
   for (Bits bits = bits_of(where & goes_on & scored); bits != 0; bits &= bits - 1) {
     const auto lane = static_cast<size_t>(std::countr_zero(bits));
     const size_t slot = i + lane;
-    wave.collected.normal_gradient->note(
-        slot, {wave.crossings.triangle[slot], paths.rays.position.at(slot), score.at(lane)},
+    wavefront.collected.normal_gradient->note(
+        slot, {wavefront.crossings.triangle[slot], paths.rays.position.at(slot), score.at(lane)},
         (edges >> lane & 1) != 0);
   }
 }
 
 // At a boundary that stops lines: draws the next direction with its pdf, and which side it is on.
 // Paths that rounding has trapped there are dropped.
-inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& direction,
+inline void cross(Wavefront& wavefront, size_t i, const Vertices& vertices, Vectors& direction,
                   Floats& pdf) {
-  Paths& paths = wave.paths;
+  Paths& paths = wavefront.paths;
   const Mask where = vertices.at_boundary;
   const Uints one = set(uint32_t{1});
   const Uints count = hn::IfThenElseZero(for_uints(where), load(paths.crossings, i) + one);
   store(count, paths.crossings, i);
   store(set(1.0F), paths.crossing_weight, i);
   for (FloatColumn& edge : paths.crossing_edge_weight) store(hn::Zero(FloatTag()), edge, i);
-  if (wave.refracts_shadow_rays) store(hn::Zero(FloatTag()), paths.odds[0], i);
+  if (wavefront.refracts_shadow_rays) store(hn::Zero(FloatTag()), paths.odds[0], i);
   if (!vertices.any_at_boundary) return;
   store(hn::IfThenElse(count > set(kMaxConsecutiveCrossings), one, load(paths.leaked, i)),
         paths.leaked, i);
   const BoundarySample next =
-      sample_boundary(wave.media, vertices.medium, vertices.crossing,
-                      random(wave, i, load(paths.vertex, i), Sampler::kBoundary));
+      sample_boundary(wavefront.media, vertices.medium, vertices.crossing,
+                      random(wavefront, i, load(paths.vertex, i), Sampler::kBoundary));
   // No shadow ray competes with those that follow an edge either.
   const Mask edge = where & (next.edge_weight > 0);
-  const Mask delta = wave.boundary_is_delta ? where : edge;
+  const Mask delta = wavefront.boundary_is_delta ? where : edge;
   Uints bounce = hn::IfThenElse(for_uints(delta), one, load(paths.delta_bounce, i));
-  if (wave.mirrors_shadow_rays) {
+  if (wavefront.mirrors_shadow_rays) {
     const Mask mirrors = hn::AndNot(next.transmitted | vertices.crossing.leaving, where);
     bounce = hn::IfThenElse(for_uints(mirrors), set(PathState::kFound), bounce);
   }
@@ -150,22 +151,23 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
   for (FloatColumn& by : paths.crossing_edge_weight) {
     store(hn::IfThenElseZero(edge, next.edge_weight), by, i);
   }
-  if (wave.collected.normal_gradient) note_turns(wave, i, where, vertices.crossing, next, edge);
+  if (wavefront.collected.normal_gradient)
+    note_turns(wavefront, i, where, vertices.crossing, next, edge);
   direction = if_then_else(where, next.direction, direction);
   pdf = hn::IfThenElse(where, next.pdf, pdf);
   store(hn::IfThenElse(where, next.weight, set(1.0F)), paths.crossing_weight, i);
-  wave.collected.scores.on_crossing(i, where, next);
-  if (wave.refracts_shadow_rays) {
+  wavefront.collected.scores.on_crossing(i, where, next);
+  if (wavefront.refracts_shadow_rays) {
     // For light that the walk meets next.
-    if (wave.boundary_is_delta) {
+    if (wavefront.boundary_is_delta) {
       const Mask leaves = vertices.crossing.leaving & next.transmitted;
-      send_odds(wave, i, where & leaves, vertices.medium, vertices.crossing);
-    } else if (wave.searches_facets) {
-      send_walk_odds(wave, i, hn::AndNot(edge, where), vertices, direction);
+      send_odds(wavefront, i, where & leaves, vertices.medium, vertices.crossing);
+    } else if (wavefront.searches_facets) {
+      send_walk_odds(wavefront, i, hn::AndNot(edge, where), vertices, direction);
     } else {
-      const Vectors to_light = redraw(wave.scene.lights, load(paths.rays.position, i), direction,
-                                      scattered_at(paths, i));
-      const Floats odds = refraction_odds(wave, i, vertices.medium, to_light);
+      const Vectors to_light = redraw(wavefront.scene.lights, load(paths.rays.position, i),
+                                      direction, scattered_at(paths, i));
+      const Floats odds = refraction_odds(wavefront, i, vertices.medium, to_light);
       store(hn::IfThenElseZero(hn::AndNot(edge, where), odds), paths.odds[0], i);
     }
   }
@@ -173,19 +175,19 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
   const Uints interaction = load(paths.rays.interaction, i) ^ toggled;
   const Uints at_boundary = hn::IfThenElseZero(for_uints(where), set(Rays::kAtBoundary));
   store(interaction | at_boundary, paths.rays.interaction, i);
-  store(load(wave.crossings.normal, i), paths.rays.normal, i);
+  store(load(wavefront.crossings.normal, i), paths.rays.normal, i);
 }
 
 // Draws the next direction: by the phase function around the last one, by the cosine law around the
 // normal (its pdf is cosine / pi: cosine^2 is uniform), or as the boundary says.
-HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vertices) {
-  Paths& paths = wave.paths;
+HWY_INLINE void sample_direction(Wavefront& wavefront, size_t i, const Vertices& vertices) {
+  Paths& paths = wavefront.paths;
   const Floats zero = hn::Zero(FloatTag());
   const Floats u1 = load(paths.u1, i);
-  Floats cosine = by_medium(wave.media, vertices.medium,
+  Floats cosine = by_medium(wavefront.media, vertices.medium,
                             [&](const Medium& of) { return sample_cosine(of.phase, u1); });
   Floats sine = hn::Sqrt(hn::Max(zero, 1 - cosine * cosine));
-  const PhaseValue phase = evaluate_phase(wave.media, vertices.medium, cosine);
+  const PhaseValue phase = evaluate_phase(wavefront.media, vertices.medium, cosine);
   Floats pdf = phase.value;
   if (vertices.any_on_surface) {
     const Mask on_surface = vertices.on_surface;
@@ -197,17 +199,17 @@ HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vert
   const SinCos phi = sin_cos_2pi(load(paths.u2, i));
   Vectors direction =
       renormalize(frame_to_world(vertices.axis, sine * phi.cos, sine * phi.sin, cosine));
-  if (vertices.any_on_surface && wave.scene.obstacles.surfaces.smooth()) {
+  if (vertices.any_on_surface && wavefront.scene.obstacles.surfaces.smooth()) {
     // What a smooth normal would send through the triangle ends there.
     const Mask above = dot(vertices.flat_normal, direction) > 0;
     const auto ends = for_uints(hn::AndNot(above, vertices.on_surface));
     store(hn::IfThenZeroElse(ends, load(paths.alive, i)), paths.alive, i);
   }
-  wave.collected.scores.on_scattering(i, vertices.in_medium, phase, load(paths.weight, i));
+  wavefront.collected.scores.on_scattering(i, vertices.in_medium, phase, load(paths.weight, i));
   const auto where = for_uints(vertices.where());
   store(hn::IfThenZeroElse(where, load(paths.delta_bounce, i)), paths.delta_bounce, i);
-  if (wave.stops_at_boundary) cross(wave, i, vertices, direction, pdf);
-  if (wave.refracts_shadow_rays) {
+  if (wavefront.stops_at_boundary) cross(wavefront, i, vertices, direction, pdf);
+  if (wavefront.refracts_shadow_rays) {
     store(hn::IfThenElseZero(vertices.in_medium, phase.value), paths.scattered_pdf[0], i);
     // Paths that have escaped are at no place.
     const Vectors position =
@@ -223,18 +225,19 @@ HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vert
 }
 
 // What happens at the vertices of the paths in slots i, i + 1 ..., where there are any.
-inline void scatter(Wavefront& wave, size_t i, Mask in_medium, Mask on_surface, Mask at_boundary) {
-  for (UintColumn& medium : wave.paths.medium) {
-    const Uints met = medium_at(wave.media, load(wave.crossings.triangle, i));
+inline void scatter(Wavefront& wavefront, size_t i, Mask in_medium, Mask on_surface,
+                    Mask at_boundary) {
+  for (UintColumn& medium : wavefront.paths.medium) {
+    const Uints met = medium_at(wavefront.media, load(wavefront.crossings.triangle, i));
     store(hn::IfThenElse(for_uints(at_boundary), met, load(medium, i)), medium, i);
   }
-  const Vertices vertices = vertices_of(wave, i, in_medium, on_surface, at_boundary);
-  multiply_by_factor(wave, i, vertices);
-  if (wave.switches.techniques != Switches::Techniques::kPhaseOnly) {
-    send_shadow_rays(wave, i, vertices);
+  const Vertices vertices = vertices_of(wavefront, i, in_medium, on_surface, at_boundary);
+  multiply_by_factor(wavefront, i, vertices);
+  if (wavefront.switches.techniques != Switches::Techniques::kPhaseOnly) {
+    send_shadow_rays(wavefront, i, vertices);
   }
-  send_outline_rays(wave, i, vertices);
-  sample_direction(wave, i, vertices);
+  send_outline_rays(wavefront, i, vertices);
+  sample_direction(wavefront, i, vertices);
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

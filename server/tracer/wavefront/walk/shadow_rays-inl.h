@@ -20,35 +20,36 @@ HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
 // The paths from which shadow rays are sent that do not end at the boundary of the medium.
-HWY_INLINE Mask sending(const Wavefront& wave, size_t i, const Vertices& vertices) {
-  if (!wave.stops_at_boundary) return vertices.where();
-  const Mask inside = is_inside(load(wave.paths.rays.interaction, i));
+HWY_INLINE Mask sending(const Wavefront& wavefront, size_t i, const Vertices& vertices) {
+  if (!wavefront.stops_at_boundary) return vertices.where();
+  const Mask inside = is_inside(load(wavefront.paths.rays.interaction, i));
   const Mask outside = hn::AndNot(inside, vertices.on_surface);
-  return wave.boundary_is_delta ? outside : outside | vertices.at_boundary;
+  return wavefront.boundary_is_delta ? outside : outside | vertices.at_boundary;
 }
 
 // Whether some send refracted ones.
-HWY_INLINE bool any_refracted(const Wavefront& wave, const Vertices& vertices) {
-  return wave.refracts_shadow_rays && !hn::AllFalse(FloatTag(), vertices.in_medium);
+HWY_INLINE bool any_refracted(const Wavefront& wavefront, const Vertices& vertices) {
+  return wavefront.refracts_shadow_rays && !hn::AllFalse(FloatTag(), vertices.in_medium);
 }
 
 // Light that a smooth boundary mirrors to where paths come from, outside. It is not left to the
 // walk, which is mirrored seldom, and may meet a sun then.
-inline void send_mirrored_rays(Wavefront& wave, size_t i, const Vertices& vertices) {
+inline void send_mirrored_rays(Wavefront& wavefront, size_t i, const Vertices& vertices) {
   const FloatTag d;
   const Crossing& at = vertices.crossing;
-  Mask sent = hn::AndNot(at.leaving, vertices.at_boundary);
-  if (hn::AllFalse(d, sent)) return;
+  Mask sends = hn::AndNot(at.leaving, vertices.at_boundary);
+  if (hn::AllFalse(d, sends)) return;
   const Vectors to_light =
-      if_then_else(sent, on_its_side(at, mirrored(at.direction, at.normal), hn::FirstN(d, 0)),
+      if_then_else(sends, on_its_side(at, mirrored(at.direction, at.normal), hn::FirstN(d, 0)),
                    set(Vec3f{0, 1, 0}));
-  const Vectors position = if_then_else(sent, load(wave.paths.rays.position, i), set(Vec3f{}));
-  const Lights& lights = wave.scene.lights;
+  const Vectors position =
+      if_then_else(sends, load(wavefront.paths.rays.position, i), set(Vec3f{}));
+  const Lights& lights = wavefront.scene.lights;
   const auto [distance, light] = look(lights, position, to_light);
-  const Floats reflected = transmit_boundary(wave.media, vertices.medium, at).reflected;
+  const Floats reflected = transmit_boundary(wavefront.media, vertices.medium, at).reflected;
   const Floats zero = hn::Zero(d), undimmed = light.radiance * reflected;
-  if (!wave.collected.map_gradient.asked()) sent &= undimmed > 0;
-  add_shadow_rays(wave, sent,
+  if (!wavefront.collected.map_gradient.asked()) sends &= undimmed > 0;
+  add_shadow_rays(wavefront, sends,
                   {.position = position,
                    .direction = to_light,
                    .interaction = hn::Zero(UintTag()),
@@ -60,7 +61,7 @@ inline void send_mirrored_rays(Wavefront& wave, size_t i, const Vertices& vertic
                    .distance = distance,
                    .max_medium_length = zero,
                    .length_before = zero},
-                  [&](size_t s) { return load(wave.collected.scores.of_path(s), i); });
+                  [&](size_t s) { return load(wavefront.collected.scores.of_path(s), i); });
 }
 
 // Light that comes from a direction: the part of its radiance, by steradian, that paths carry on.
@@ -70,15 +71,15 @@ struct TurnValue {
   Floats boundary_scores[kMaxBoundarySlots];  // of crossings
   Vectors normal_score = set(Vec3f{});        // likewise: see NormalScore
 };
-HWY_INLINE TurnValue evaluate_turn(const Wavefront& wave, const Vertices& vertices,
+HWY_INLINE TurnValue evaluate_turn(const Wavefront& wavefront, const Vertices& vertices,
                                    Vectors direction) {
   const Floats zero = hn::Zero(FloatTag());
   const Floats cosine = dot(vertices.axis, direction);
-  const PhaseValue phase = evaluate_phase(wave.media, vertices.medium, cosine);
+  const PhaseValue phase = evaluate_phase(wavefront.media, vertices.medium, cosine);
   TurnValue turn{phase.value, phase.value, phase, {zero}};
   if (vertices.any_on_surface) {
     Floats diffuse = hn::Max(zero, cosine) * std::numbers::inv_pi_v<float>;
-    if (wave.scene.obstacles.surfaces.smooth()) {
+    if (wavefront.scene.obstacles.surfaces.smooth()) {
       const Mask above = dot(vertices.flat_normal, direction) > 0;
       diffuse = hn::IfThenElseZero(above, diffuse);
     }
@@ -86,7 +87,8 @@ HWY_INLINE TurnValue evaluate_turn(const Wavefront& wave, const Vertices& vertic
   }
   if (vertices.any_at_boundary) {
     const Crossing& at = vertices.crossing;
-    const BoundaryValue boundary = evaluate_boundary(wave.media, vertices.medium, at, direction);
+    const BoundaryValue boundary =
+        evaluate_boundary(wavefront.media, vertices.medium, at, direction);
     const Floats side = dot(at.flat_normal, direction);  // outside is above 0, unless it leaves
     const Mask outside = hn::IfThenElse(at.leaving, -side, side) > 0;
     turn.value = hn::IfThenElse(vertices.at_boundary, hn::IfThenElseZero(outside, boundary.value),
@@ -109,67 +111,69 @@ HWY_INLINE TurnValue evaluate_turn(const Wavefront& wave, const Vertices& vertic
 // it survive with probability min(1, v exp(-x) / tau), carrying at least tau then: with one
 // uniform number u that means x <= log(v / (u tau)), a limit on the depth that is known
 // beforehand.
-inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices) {
-  const Paths& paths = wave.paths;
+inline void send_shadow_rays(Wavefront& wavefront, size_t i, const Vertices& vertices) {
+  const Paths& paths = wavefront.paths;
   const FloatTag d;
-  if (wave.mirrors_shadow_rays && vertices.any_at_boundary) send_mirrored_rays(wave, i, vertices);
-  Mask sent = sending(wave, i, vertices);
-  const bool refracted = any_refracted(wave, vertices);
-  if (hn::AllFalse(d, sent) && !refracted) return;
+  if (wavefront.mirrors_shadow_rays && vertices.any_at_boundary)
+    send_mirrored_rays(wavefront, i, vertices);
+  Mask sends = sending(wavefront, i, vertices);
+  const bool refracted = any_refracted(wavefront, vertices);
+  if (hn::AllFalse(d, sends) && !refracted) return;
   const Floats zero = hn::Zero(d);
   const Uints vertex = load(paths.vertex, i);
-  const Words words = random(wave, i, vertex, Sampler::kShadowRay);
+  const Words words = random(wavefront, i, vertex, Sampler::kShadowRay);
   const Words more =
-      wave.scene.lights.has_maps() ? random(wave, i, vertex, Sampler::kMap) : Words{};
+      wavefront.scene.lights.has_maps() ? random(wavefront, i, vertex, Sampler::kMap) : Words{};
   // Paths that have escaped are at no place.
   const Vectors position =
       if_then_else(vertices.where(), load(paths.rays.position, i), Vectors{zero, zero, zero});
   const LightChoice drawn = light_choice(words, more);
-  const LightSamples light = sample(wave.scene.lights, position, drawn);
+  const LightSamples light = sample(wavefront.scene.lights, position, drawn);
   const Floats roulette = 1 - fifth_uniform(words);
   if (refracted) {
-    send_refracted_rays(wave, i, vertices.in_medium, vertices.medium, position, drawn, light,
+    send_refracted_rays(wavefront, i, vertices.in_medium, vertices.medium, position, drawn, light,
                         roulette);
-    if (hn::AllFalse(d, sent)) return;
+    if (hn::AllFalse(d, sends)) return;
   }
-  const TurnValue turn = evaluate_turn(wave, vertices, light.direction);
+  const TurnValue turn = evaluate_turn(wavefront, vertices, light.direction);
   // The weight of the draw, radiance / pdf, times that of multiple importance sampling,
   // pdf / (pdf + walk_pdf). Deltas have no pdf: what they bring is as it is.
   const Floats phase_pdf =
-      wave.switches.techniques == Switches::Techniques::kBoth ? turn.pdf : zero;
+      wavefront.switches.techniques == Switches::Techniques::kBoth ? turn.pdf : zero;
   Floats pdf_sum = hn::IfThenElse(light.dense(), light.pdf + phase_pdf, set(1.0F));
   const Floats light_pdf = hn::IfThenElse(light.dense(), light.pdf, set(1.0F));
   LightSamples from_scattering = light;
-  const bool has_odds = wave.refracts_shadow_rays && vertices.any_at_boundary;
-  if (has_odds && wave.shadow_rays.rays.bounded) {
-    from_scattering = seen_from(wave.scene.lights, scattered_at(paths, i), drawn, light);
+  const bool has_odds = wavefront.refracts_shadow_rays && vertices.any_at_boundary;
+  if (has_odds && wavefront.shadow_rays.rays.bounded) {
+    from_scattering = seen_from(wavefront.scene.lights, scattered_at(paths, i), drawn, light);
   }
-  if (has_odds && !wave.searches_facets) {
-    const Floats odds = refraction_odds(wave, i, vertices.medium, from_scattering.direction);
+  if (has_odds && !wavefront.searches_facets) {
+    const Floats odds = refraction_odds(wavefront, i, vertices.medium, from_scattering.direction);
     pdf_sum += hn::IfThenElseZero(vertices.at_boundary, odds * light_pdf);
   }
   const Floats undimmed = light.radiance * turn.value / pdf_sum;
   // What decides whether it is sent. For a gradient in a panorama, dark places count as well.
   Floats worth = undimmed, per_radiance = zero;
-  if (wave.collected.map_gradient.asked()) {
+  if (wavefront.collected.map_gradient.asked()) {
     per_radiance = hn::IfThenElseZero(light.from_far(), turn.value / pdf_sum);
-    worth = hn::Max(worth, per_radiance * wave.mean_radiance());
+    worth = hn::Max(worth, per_radiance * wavefront.mean_radiance());
   }
-  const Floats importance = path_importance(wave, i) * worth;
-  const Floats limit = depth_limit(wave, importance, roulette);
-  sent &= (worth > 0) & (limit > 0);
+  const Floats importance = path_importance(wavefront, i) * worth;
+  const Floats limit = depth_limit(wavefront, importance, roulette);
+  sends &= (worth > 0) & (limit > 0);
 
-  if (has_odds && wave.searches_facets) {
+  if (has_odds && wavefront.searches_facets) {
     const Target target =
-        target_drawn(wave.scene.lights, scattered_at(paths, i),
-                     lamp_drawn(wave.scene.lights, drawn.choice), from_scattering);
-    send_lobe_odds(wave, wave.shadow_odds, i, sent & vertices.at_boundary, vertices.medium, target,
-                   light_pdf / pdf_sum, Append{sent, wave.shadow_rays.count}.numbers());
+        target_drawn(wavefront.scene.lights, scattered_at(paths, i),
+                     lamp_drawn(wavefront.scene.lights, drawn.choice), from_scattering);
+    send_lobe_odds(wavefront, wavefront.shadow_odds, i, sends & vertices.at_boundary,
+                   vertices.medium, target, light_pdf / pdf_sum,
+                   Append{sends, wavefront.shadow_rays.count}.numbers());
   }
   const Uints interaction = load(paths.rays.interaction, i);
-  const Scores& scores = wave.collected.scores;
+  const Scores& scores = wavefront.collected.scores;
   const size_t of_phase = scores.phase_count();
-  add_shadow_rays(wave, sent,
+  add_shadow_rays(wavefront, sends,
                   {.position = position,
                    .direction = light.direction,
                    .interaction = hn::IfThenZeroElse(for_uints(vertices.at_boundary), interaction),
@@ -179,10 +183,10 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
                    .importance = importance,
                    .per_radiance = per_radiance,
                    .distance = light.distance,
-                   .max_medium_length = limit * free_path_of(wave.media, vertices.medium),
+                   .max_medium_length = limit * free_path_of(wavefront.media, vertices.medium),
                    .length_before = zero,
                    .normal_score = turn.normal_score,
-                   .triangle = load(wave.crossings.triangle, i)},
+                   .triangle = load(wavefront.crossings.triangle, i)},
                   [&](size_t s) {
                     const Floats score =
                         s < of_phase ? hn::IfThenElseZero(vertices.in_medium, turn.phase.scores[s])
@@ -192,68 +196,71 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
 }
 
 // Adds the light that shadow rays with such numbers bring, dimmed by the medium.
-inline void add_arriving(Wavefront& wave, Ints numbers, Mask live) {
-  const Paths& paths = wave.paths;
-  const ShadowRays& shadow_rays = wave.shadow_rays;
+inline void add_arriving(Wavefront& wavefront, Ints numbers, Mask live) {
+  const Paths& paths = wavefront.paths;
+  const ShadowRays& shadow_rays = wavefront.shadow_rays;
   const SlotGather ray{numbers}, at{slots_where(live, ray.get(shadow_rays.slot))};
   Floats length = ray.get(shadow_rays.rays.medium_length);
-  if (wave.refracts_shadow_rays) length += ray.get(shadow_rays.length_before);
-  const Uints medium = wave.medium_in(at.slots);
-  const Floats dimming = part_arriving(wave, medium, length);
+  if (wavefront.refracts_shadow_rays) length += ray.get(shadow_rays.length_before);
+  const Uints medium = wavefront.medium_in(at.slots);
+  const Floats dimming = part_arriving(wavefront, medium, length);
   Floats survival = set(1.0F);
-  if (wave.shadow_ray_threshold > 0) {
-    survival = hn::Min(survival,
-                       ray.get(shadow_rays.importance) * dimming * (1 / wave.shadow_ray_threshold));
+  if (wavefront.shadow_ray_threshold > 0) {
+    survival = hn::Min(
+        survival, ray.get(shadow_rays.importance) * dimming * (1 / wavefront.shadow_ray_threshold));
   }
   const auto arriving = [&](const FloatColumn& undimmed) {
     const Floats dimmed = ray.get(undimmed) * dimming;
-    return hn::IfThenElseZero(live, wave.shadow_ray_threshold > 0 ? dimmed / survival : dimmed);
+    return hn::IfThenElseZero(live,
+                              wavefront.shadow_ray_threshold > 0 ? dimmed / survival : dimmed);
   };
   const auto direction = [&] {
     return if_then_else(live, ray.get(shadow_rays.rays.direction), set(Vec3f{0, 1, 0}));
   };
   LightParts parts;
-  if (wave.part_count > 0) find_parts(wave, direction(), ray.get(shadow_rays.source), parts);
+  if (wavefront.part_count > 0)
+    find_parts(wavefront, direction(), ray.get(shadow_rays.source), parts);
   PathScores scores;
   for (size_t s = 0; s < shadow_rays.scores.size(); ++s)
     scores.of[s] = ray.get(shadow_rays.scores[s]);
-  if (wave.collected.colours.asked()) {
+  if (wavefront.collected.colours.asked()) {
     const Floats undimmed = ray.get(shadow_rays.light) / survival;
-    at.add(wave.collected.colours.add(
+    at.add(wavefront.collected.colours.add(
                at, length,
                [&](size_t c) {
-                 const Floats in_colour = exp(length * (-wave.collected.colours.sigma_t(c)));
+                 const Floats in_colour = exp(length * (-wavefront.collected.colours.sigma_t(c)));
                  return hn::IfThenElseZero(live, undimmed * parts.of[c] * in_colour);
                },
                scores),
-           wave.paths.radiance);
+           wavefront.paths.radiance);
     return;
   }
   const Floats light = arriving(shadow_rays.light);
-  add_contribution(wave, at, light, of_object(wave.media, medium, length), parts, scores);
-  if (wave.collected.map_gradient.asked()) {
-    wave.collected.map_gradient.add(paths.pixel, paths.sample, direction(), live,
-                                    at.get(paths.weight) * arriving(shadow_rays.per_radiance[0]),
-                                    at.slots);
+  add_contribution(wavefront, at, light, of_object(wavefront.media, medium, length), parts, scores);
+  if (wavefront.collected.map_gradient.asked()) {
+    wavefront.collected.map_gradient.add(
+        paths.pixel, paths.sample, direction(), live,
+        at.get(paths.weight) * arriving(shadow_rays.per_radiance[0]), at.slots);
   }
-  if (wave.collected.normal_gradient) {
-    add_to_normals(wave, numbers, at.get(paths.weight) * light, at.slots);
+  if (wavefront.collected.normal_gradient) {
+    add_to_normals(wavefront, numbers, at.get(paths.weight) * light, at.slots);
   }
 }
 
 // Traces the shadow rays, and adds the light of those that arrive.
-inline void trace_shadow_rays(Wavefront& wave) {
-  ShadowRays& shadow_rays = wave.shadow_rays;
-  follow_lines(wave.scene.obstacles, shadow_rays.rays, shadow_rays.count, Report::kLengths,
-               wave.at_boundary());
+inline void trace_shadow_rays(Wavefront& wavefront) {
+  ShadowRays& shadow_rays = wavefront.shadow_rays;
+  follow_lines(wavefront.scene.obstacles, shadow_rays.rays, shadow_rays.count, Report::kLengths,
+               wavefront.at_boundary());
   SlotList arrived;
   for (size_t i = 0; i < shadow_rays.count; i += lanes()) {
     const Mask live = hn::FirstN(FloatTag(), shadow_rays.count - i);
     const Uints end = load(shadow_rays.rays.outcome, i) & set(Rays::kEndMask);
-    mark_leaked(wave.paths, live & equals(end, Rays::kLeaked), slots_in(shadow_rays.slot, i, live));
+    mark_leaked(wavefront.paths, live & equals(end, Rays::kLeaked),
+                slots_in(shadow_rays.slot, i, live));
     arrived.add(i, live & equals(end, Rays::kEscaped));
   }
-  arrived.for_each([&](Ints numbers, Mask live) { add_arriving(wave, numbers, live); });
+  arrived.for_each([&](Ints numbers, Mask live) { add_arriving(wavefront, numbers, live); });
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -117,10 +117,10 @@ struct Wavefront {
 
 // The optical depth through which a ray that carries this importance without the medium's dimming
 // survives its roulette (send_shadow_rays), by a uniform number in (0, 1]; else 0 or less.
-HWY_INLINE Floats depth_limit(const Wavefront& wave, Floats importance, Floats u) {
+HWY_INLINE Floats depth_limit(const Wavefront& wavefront, Floats importance, Floats u) {
   const Floats limit = set(kMaxOpticalDepth);
-  if (wave.shadow_ray_threshold <= 0) return limit;
-  const Floats odds = importance / (u * wave.shadow_ray_threshold);
+  if (wavefront.shadow_ray_threshold <= 0) return limit;
+  const Floats odds = importance / (u * wavefront.shadow_ray_threshold);
   const Mask any = importance > 0;
   return hn::IfThenElseZero(any, hn::Min(limit, log(odds)));
 }
@@ -151,27 +151,28 @@ struct SentShadowRays {
 
 // Adds them, where there are any; `score(s)` is a score of their whole path.
 template <typename Score>
-HWY_INLINE void add_shadow_rays(Wavefront& wave, Mask where, const SentShadowRays& sent,
+HWY_INLINE void add_shadow_rays(Wavefront& wavefront, Mask where, const SentShadowRays& shadow_rays,
                                 const Score& score) {
-  ShadowRays& to = wave.shadow_rays;
-  const Append append{where, to.count};
-  append(sent.position, to.rays.position);
-  append(sent.direction, to.rays.direction);
-  append(sent.interaction, to.rays.interaction);
-  append(sent.max_medium_length, to.rays.max_medium_length);
-  if (wave.refracts_shadow_rays) append(sent.length_before, to.length_before);
-  if (to.rays.bounded) append(sent.distance, to.rays.distance);
-  append(sent.light, to.light);
-  if (wave.part_count > 0) append(sent.source, to.source);
-  append(sent.importance, to.importance);
-  if (wave.collected.map_gradient.asked()) append(sent.per_radiance, to.per_radiance[0]);
-  if (wave.collected.normal_gradient) {
-    append(sent.normal_score, to.normal_score);
-    append(sent.triangle, to.triangle);
+  ShadowRays& columns = wavefront.shadow_rays;
+  const Append append{where, columns.count};
+  append(shadow_rays.position, columns.rays.position);
+  append(shadow_rays.direction, columns.rays.direction);
+  append(shadow_rays.interaction, columns.rays.interaction);
+  append(shadow_rays.max_medium_length, columns.rays.max_medium_length);
+  if (wavefront.refracts_shadow_rays) append(shadow_rays.length_before, columns.length_before);
+  if (columns.rays.bounded) append(shadow_rays.distance, columns.rays.distance);
+  append(shadow_rays.light, columns.light);
+  if (wavefront.part_count > 0) append(shadow_rays.source, columns.source);
+  append(shadow_rays.importance, columns.importance);
+  if (wavefront.collected.map_gradient.asked())
+    append(shadow_rays.per_radiance, columns.per_radiance[0]);
+  if (wavefront.collected.normal_gradient) {
+    append(shadow_rays.normal_score, columns.normal_score);
+    append(shadow_rays.triangle, columns.triangle);
   }
-  for (size_t s = 0; s < to.scores.size(); ++s) append(score(s), to.scores[s]);
-  append(sent.slot, to.slot);
-  to.count += hn::CountTrue(FloatTag(), where);
+  for (size_t s = 0; s < columns.scores.size(); ++s) append(score(s), columns.scores[s]);
+  append(shadow_rays.slot, columns.slot);
+  columns.count += hn::CountTrue(FloatTag(), where);
 }
 
 HWY_INLINE void mark_leaked(Paths& paths, Mask leaked, Ints slots) {
@@ -209,27 +210,29 @@ class SlotList {
 };
 
 // The random numbers of vertices of the paths in slots i, i + 1 ...
-HWY_INLINE Words random(const Wavefront& wave, size_t i, Uints vertex, Sampler::Purpose purpose) {
-  return philox(vertex, set(uint32_t{purpose}), load(wave.paths.sample, i),
-                load(wave.paths.pixel, i), wave.request.seed);
+HWY_INLINE Words random(const Wavefront& wavefront, size_t i, Uints vertex,
+                        Sampler::Purpose purpose) {
+  return philox(vertex, set(uint32_t{purpose}), load(wavefront.paths.sample, i),
+                load(wavefront.paths.pixel, i), wavefront.request.seed);
 }
 
 // Multiplies weights by a factor that no derivative is asked for in.
-HWY_INLINE void multiply_weights(Wavefront& wave, size_t i, Floats factor) {
-  wave.for_each_weight([&](FloatColumn& weight) { store(load(weight, i) * factor, weight, i); });
+HWY_INLINE void multiply_weights(Wavefront& wavefront, size_t i, Floats factor) {
+  wavefront.for_each_weight(
+      [&](FloatColumn& weight) { store(load(weight, i) * factor, weight, i); });
 }
 
 // What light at the end of a path counts; of colours the mean.
-HWY_INLINE Floats mean_weight(const Wavefront& wave, size_t i) {
-  const Colours& colours = wave.collected.colours;
-  return colours.asked() ? colours.mean_weight(i) : load(wave.paths.weight, i);
+HWY_INLINE Floats mean_weight(const Wavefront& wavefront, size_t i) {
+  const Colours& colours = wavefront.collected.colours;
+  return colours.asked() ? colours.mean_weight(i) : load(wavefront.paths.weight, i);
 }
 
 // The importance of a path, for roulette.
-HWY_INLINE Floats path_importance(const Wavefront& wave, size_t i) {
-  const Paths& paths = wave.paths;
-  Floats importance = mean_weight(wave, i);
-  importance = wave.collected.importance(importance, i);
+HWY_INLINE Floats path_importance(const Wavefront& wavefront, size_t i) {
+  const Paths& paths = wavefront.paths;
+  Floats importance = mean_weight(wavefront, i);
+  importance = wavefront.collected.importance(importance, i);
   for (const FloatColumn& edge : paths.edge_weight) importance = hn::Max(importance, load(edge, i));
   return importance;
 }
