@@ -26,40 +26,41 @@ namespace {
 
 constexpr const char* kSimilarityPredictor = "similarity predictor";
 
-// One row of the table, and what was predicted for each image.
-struct Contender {
+// One row of the table, of a network at one level of noise or of a baseline, and its answers.
+struct EvaluatedRow {
   v1::Evaluation::Row row;
   std::vector<Material> predictions;
-  std::vector<MaterialEstimate> estimates;  // of a network
+  std::vector<MaterialEstimate> estimates;  // empty for a baseline
 };
 
-// The noise to evaluate a model at: as the images are, or what it was trained at as well, and half
-// of that, a quarter of the variance.
+// The levels of noise to evaluate a network at; 0 leaves images as they are. With --noise-levels,
+// it is evaluated at the level that it was trained at and at half of that, too.
 std::vector<double> noise_levels(const EvaluateOptions& options, const v1::Model& model) {
   if (!options.noise_levels || model.noise() == 0) return {0};
   return {model.noise(), model.noise() / 2, 0};
 }
 
-// The contender who has not looked at the images.
-Contender baseline(const std::string& name, std::vector<Material> predictions,
-                   const LabelledImages& images) {
-  Contender candidate;
+// The candidate who has not looked at the images.
+EvaluatedRow baseline(const std::string& name, std::vector<Material> predictions,
+                      const LabelledImages& images) {
+  EvaluatedRow candidate;
   candidate.row.set_name(name);
   candidate.predictions = std::move(predictions);
   set_errors(candidate.predictions, images, candidate.row);
   return candidate;
 }
 
-std::vector<Contender> candidates_of(const EvaluateOptions& options, const LabelledImages& images,
-                                     const v1::MaterialChoice& materials) {
-  std::vector<Contender> candidates;
+std::vector<EvaluatedRow> candidates_of(const EvaluateOptions& options,
+                                        const LabelledImages& images,
+                                        const v1::MaterialChoice& materials) {
+  std::vector<EvaluatedRow> candidates;
   for (const std::string& checkpoint : options.checkpoints) {
     Predictor predictor = Predictor::load(find_model(checkpoint));
     warn_of_albedos_out_of_reach(images.truth, predictor.model().bounds(), predictor.name());
     for (const double noise : noise_levels(options, predictor.model())) {
       std::vector<MaterialEstimate> estimates =
           estimate_all(predictor, images, noise, interruption());
-      Contender& candidate = candidates.emplace_back();
+      EvaluatedRow& candidate = candidates.emplace_back();
       candidate.row.set_name(predictor.name() +
                              (noise > 0 ? fmt::format(", noise {:.2g} %", 100 * noise) : ""));
       candidate.row.set_checkpoint(checkpoint);
@@ -84,7 +85,7 @@ std::vector<Contender> candidates_of(const EvaluateOptions& options, const Label
 
 // Renders some of the images again with every candidate's predictions.
 void add_image_errors(const EvaluateOptions& options, const LabelledImages& images,
-                      const std::vector<Contender>& candidates, DatasetReader& dataset,
+                      const std::vector<EvaluatedRow>& candidates, DatasetReader& dataset,
                       RenderPool& pool, v1::Evaluation& evaluation) {
   const std::vector<uint32_t> chosen = spread(options.rerender, images.items.size());
   Progress progress("rerender", "images", chosen.size() * candidates.size());
@@ -103,7 +104,7 @@ void add_image_errors(const EvaluateOptions& options, const LabelledImages& imag
 
 // Draws the errors of the first checkpoint.
 void write_picture(const EvaluateOptions& options, const LabelledImages& images,
-                   const Contender& candidate, DatasetReader& dataset, RenderPool& pool) {
+                   const EvaluatedRow& candidate, DatasetReader& dataset, RenderPool& pool) {
   std::vector<PanelRow> rows;
   for (const size_t i : spread(options.picture_items, images.items.size())) {
     const std::vector<float> input = images.read(i).radiance;
@@ -171,7 +172,7 @@ void print_details(const v1::Evaluation::Row& row) {
 }
 
 // Single answers beside their truth, of images spread over all.
-void print_examples(uint32_t count, const Contender& candidate, const LabelledImages& images) {
+void print_examples(uint32_t count, const EvaluatedRow& candidate, const LabelledImages& images) {
   print_result("\n{}: answers beside the truth; * where the 90 % interval does not hold it\n",
                candidate.row.name());
   int held = 0, intervals = 0;
@@ -241,12 +242,12 @@ void run_evaluate(const EvaluateOptions& options) {
                           : options.split == "validation" ? v1::SPLIT_VALIDATION
                                                           : v1::SPLIT_TEST;
   const LabelledImages images = images_of(dataset, split);
-  const std::vector<Contender> candidates =
+  const std::vector<EvaluatedRow> candidates =
       candidates_of(options, images, dataset.manifest().config().materials());
   v1::Evaluation evaluation;
   evaluation.set_split(options.split);
   evaluation.set_items(static_cast<uint32_t>(images.items.size()));
-  for (const Contender& candidate : candidates) *evaluation.add_rows() = candidate.row;
+  for (const EvaluatedRow& candidate : candidates) *evaluation.add_rows() = candidate.row;
   std::optional<RenderPool> pool;
   if (options.rerender > 0 || !options.picture.empty()) {
     pool.emplace(options.workers.pool_options());

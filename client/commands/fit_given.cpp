@@ -15,7 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Where all lights have a size, there is a derivative in the index of refraction.
+// No light is a point, a spot or of one direction: there is a derivative in the index then.
 bool have_size(const v1::Scene& scene) {
   return std::ranges::none_of(scene.lights(), [](const v1::Light& light) {
     return light.has_point() || light.has_spot() ||
@@ -23,7 +23,7 @@ bool have_size(const v1::Scene& scene) {
   });
 }
 
-// A few steps from several starts, or from the one that is said, without a trace.
+// What a few steps from several starts, or from the one that is said, find. Writes no files.
 Material scouted(RefineOptions refine, v1::Film::Channel channel) {
   refine.channel = channel;
   refine.spp = 32;

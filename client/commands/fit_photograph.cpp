@@ -27,10 +27,11 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// The camera looks at a point so many mm before it.
+// How far before the camera the point is that it looks at, in mm; any distance would do.
 constexpr double kAhead = 1000;
 
-// The radius of a phone's lamp, in mm. A lamp that has a size has a derivative in its place.
+// The radius of a phone's flash, in mm. It has one as lights without a size have no derivatives in
+// their position.
 constexpr float kFlashRadius = 2;
 
 void set(v1::Vec3& to, Vec3d from) {

@@ -19,11 +19,12 @@
 namespace itn {
 namespace {
 
-// How far g may be from what it is taken for: that of nearly all that is translucent.
+// The standard deviation of g about FitOptions::g where it is not found: nearly all translucent
+// materials are within one.
 constexpr double kDoubtOfG = 0.4;
 
-// Samples per pixel that make the noise of a sum over all pixels that of so many at 96 pixels a
-// side.
+// Samples per pixel for an image of `pixels` pixels, so that the sum over these is as noisy as that
+// of 96 x 96 pixels with `at_96` samples each; a quarter to 16 times as many as these.
 uint32_t spp_for(size_t pixels, uint32_t at_96) {
   constexpr double kUsual = 96 * 96;
   return std::clamp(static_cast<uint32_t>(at_96 * kUsual / static_cast<double>(pixels)), at_96 / 4,
@@ -32,13 +33,13 @@ uint32_t spp_for(size_t pixels, uint32_t at_96) {
 
 // ---- Renders ---------------------------------------------------------------------------------
 
-// What is rendered: in luminance, or in red, green and blue, each of its material.
+// A scene to render, and its material: one for luminance, or three for red, green and blue.
 struct Variant {
   v1::Scene scene;
   std::vector<Material> materials;
 };
 
-// Estimates of the radiance by pixel, of each; of colours one below the other.
+// The radiance by variant, estimate and pixel. Images of colours stand one below the other.
 std::vector<std::vector<std::vector<float>>> rendered(std::span<const Variant> variants,
                                                       uint32_t spp, uint32_t estimates,
                                                       uint64_t seed, RenderPool& pool) {

@@ -1,4 +1,4 @@
-// Teaches an encoder network with a dataset.
+// The command itn train, which teaches an encoder network with a dataset.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -12,6 +12,8 @@
 
 namespace itn {
 
+// The flags. Those that were given change the training configuration, whose fields are documented
+// in itn/v1/learning.proto.
 struct TrainOptions {
   std::string dataset;
   std::string folder;

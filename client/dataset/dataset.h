@@ -15,12 +15,12 @@
 
 namespace itn {
 
-// What an image's header must say for it to be the image of this item: a digest of all that it
-// depends on. `panorama`: of the item's light; null without.
+// The digest of all that determines the image of `item`. The image's header stores it, which tells
+// whether a file is that image. `panorama` is null if no panorama lights the item.
 std::string item_digest(const v1::DatasetConfig& config, const v1::DatasetShape& shape,
                         const v1::DatasetPanorama* panorama, const v1::DatasetItem& item);
 
-// The digest of all pixels and entries of the header, but for the entry that holds it.
+// The digest of the image's pixels and header entries, without the entry that stores this digest.
 std::string contents_digest(const Image& image);
 
 inline constexpr const char* kManifestName = "manifest.textproto";
@@ -28,16 +28,17 @@ inline constexpr const char* kManifestName = "manifest.textproto";
 // The manifest as text, with a checksum in the first line; reads back equal.
 std::string to_text(const v1::Dataset& manifest);
 
-// Throws Error: kIo; kDataLoss if the text has a checksum that is not its own, or is nothing but a
-// part of one; kInvalidInput with line and column, as check_item(), or if it names a file that is
-// not in the dataset's folder by its name: absolute, or with "..".
+// Reads and checks a manifest. Throws Error: kIo; kDataLoss if the checksum of the first line is
+// not that of the text, or the file ends within that line; kInvalidInput, with line and column, if
+// the text cannot be parsed, check_item() refuses an item, or a file's name is absolute or has
+// "..".
 v1::Dataset read_manifest(const std::filesystem::path& path);
 
-// A file of the dataset. Throws Error (invalid input) if it exists but is not a regular file inside
-// of the folder, with all links followed.
+// The path of `file` in the folder of the dataset. Throws Error (invalid input) if it exists but is
+// not a regular file inside of the folder, with all links followed.
 std::filesystem::path path_inside(const std::filesystem::path& folder, const std::string& file);
 
-// Whether this file is there and has this digest. Throws as path_inside().
+// Whether `file` is in the folder and has the digest `sha256`. Throws what path_inside() throws.
 bool holds_file(const std::filesystem::path& folder, const std::string& file,
                 const std::string& sha256);
 

@@ -20,15 +20,17 @@
 namespace itn {
 namespace {
 
-// Contoured finely first, for the sake of details, then simplified where the shape is flat.
+// The surface is contoured with so many triangles first, for the sake of details, and simplified
+// then to about kTriangles, which takes most where it is flat.
 constexpr size_t kFineTriangles = 24000;
 constexpr size_t kTriangles = 4000;
 
-// What a shape must have, of the cube that it is in, to be worth a picture.
+// A shape with less volume, or a shorter side, in the unit cube is rejected: it would hardly be
+// seen.
 constexpr double kMinVolume = 0.004, kMinExtent = 0.05;
-// A cavity that is smaller, in parts of the solid, is an accident.
+// A cavity of a smaller part of the solid's volume is an accident, and filled.
 constexpr double kMinCavity = 1e-3;
-// The least part of all triangles: a solid in pieces is not what was meant.
+// A shape whose largest solid has less than this part of all triangles is in pieces, and rejected.
 constexpr double kMinShare = 0.6;
 
 double volume_of(const Mesh& mesh, const std::vector<uint32_t>& triangles) {

@@ -16,15 +16,15 @@
 
 namespace itn {
 
-// Whether a worker that answered so asks to be sent the scene of this digest.
+// Whether the worker answered that it does not hold the scene of this digest, which is to be sent.
 bool asks_for_scene(const grpc::Status& status, const std::string& digest);
 
 class WorkerConnection final : public RenderWorker {
  public:
-  // Why there is no connection, where gRPC's status does not say so.
+  // Adds to a failed status why there is no connection, where gRPC does not say it.
   using Explain = std::function<grpc::Status(const grpc::Status&)>;
 
-  // Without `explain`, of a worker in this process, which writes no log that one could look at.
+  // `explain` is empty for a worker in this process, which writes no log to look up requests in.
   explicit WorkerConnection(const std::shared_ptr<grpc::Channel>& channel, Explain explain = {})
       : stub_(v1::RenderService::NewStub(channel)), explain_(std::move(explain)) {}
 

@@ -1,4 +1,4 @@
-// Which workers there are, as --workers says, and as that changes.
+// The addresses of the render workers that --workers names, while names and files change.
 #pragma once
 
 #include <chrono>
@@ -20,9 +20,9 @@ namespace itn {
 //   HOST:PORT             one worker, for good
 //   dns:///NAME:PORT      all addresses that the name has
 //   file:PATH             a file of HOST:PORT lines; what follows a # is a comment
-// Names and files are looked at again every few seconds, and when a worker fails. What cannot be
-// told at the moment (no answer from the name server, an unreadable file) leaves everything as it
-// was, with a warning. Thread-safe.
+// Names are resolved and files are read again every few seconds, and when a worker fails. If that
+// fails (no answer from the name server, an unreadable file), the last addresses stay, with a
+// warning. Thread-safe.
 class WorkerList {
  public:
   struct Address {
@@ -30,7 +30,7 @@ class WorkerList {
     Address(const Text& text, std::string n = "") : address(text), name(std::move(n)) {}
 
     std::string address;  // HOST:PORT
-    std::string name;     // that it is an address of, which a certificate should say; or empty
+    std::string name;     // that was resolved to it, which a certificate should say; or empty
 
     bool operator==(const Address&) const = default;
   };

@@ -9,8 +9,8 @@
 
 namespace itn {
 
-// So long from now, for grpc::ClientContext::set_deadline(), by a clock that nobody sets: a jump of
-// the time of day neither ends the call nor lets it go on.
+// The deadline that lies `time` from now, for grpc::ClientContext::set_deadline(). It is of the
+// monotonic clock: a jump of the time of day neither ends the call nor lets it go on.
 inline gpr_timespec deadline_in(std::chrono::duration<double> time) {
   return gpr_time_add(gpr_now(GPR_CLOCK_MONOTONIC),
                       gpr_time_from_nanos(static_cast<int64_t>(1e9 * time.count()), GPR_TIMESPAN));

@@ -1,4 +1,4 @@
-// Files of panoramas and other images in scenes.
+// Image files that scenes refer to: panoramas, and reflectances of surfaces.
 #pragma once
 
 #include <filesystem>
@@ -7,15 +7,15 @@
 
 namespace itn {
 
-// An OpenEXR file with channels R, G, B or Y (radiance_channels() says which are meant), or a
-// Radiance HDR file; with a warning where it is not twice as wide as high. What is a little below
-// 0, a hundredth of the largest value, becomes 0, with a warning. Throws Error: as read_exr(),
+// Loads an OpenEXR file with channels R, G, B or Y (radiance_channels() says which are meant), or a
+// Radiance HDR file. It warns of an image that is not twice as wide as high, and of values a little
+// below 0, within a hundredth of the largest, which become 0. Throws Error: as read_exr(),
 // decode_hdr() and radiance_channels(), with the file's name; kInvalidInput if it has other
 // primaries than sRGB's, or is of another format.
 v1::Pixels load_panorama(const std::filesystem::path& path);
 
-// The same of an OpenEXR or a PNG file; the numbers of the latter are taken through the sRGB curve.
-// Throws Error: kIo, kDataLoss (damaged), kInvalidInput (another kind of file).
+// Loads reflectances: an OpenEXR file as it is, or a PNG file, which is decoded from sRGB. Throws
+// Error: kIo, kDataLoss (damaged), kInvalidInput (another kind of file).
 v1::Pixels load_reflectances(const std::filesystem::path& path);
 
 }  // namespace itn

@@ -1,4 +1,4 @@
-// Protobuf text format files.
+// Protobuf messages as text, in protobuf text format, and back.
 #pragma once
 
 #include <google/protobuf/message.h>
@@ -7,14 +7,16 @@
 
 namespace itn {
 
-// Reads back equal.
+// The message as text, of which parse_text_proto() makes an equal message.
 std::string to_text_proto(const google::protobuf::Message& message);
 
-// With the names that fields had in itn 0.1: digests that go on from then are of this text.
+// The text with the names that fields had in itn 0.1. Digests of an experiment's stages are of it,
+// so that experiments of then go on.
 std::string to_text_proto_of_01(const google::protobuf::Message& message);
 
-// Names of itn 0.1 are understood. Throws Error (invalid input) with `name`, line and column, at
-// the first error; unknown fields and all that the parser warns of are errors.
+// Parses `text` into `message`, with names of itn 0.1, too. Throws Error (invalid input) with
+// `name`, line and column, at the first error; unknown fields and all that the parser warns of are
+// errors.
 void parse_text_proto(const std::string& text, const std::string& name,
                       google::protobuf::Message& message);
 

@@ -1,4 +1,4 @@
-// What a render becomes on the wire.
+// Makes the reply of the render service from what the tracer accumulated.
 #pragma once
 
 #include "itn/v1/render.pb.h"
@@ -7,8 +7,9 @@
 
 namespace itn {
 
-// The reply to `request`: images, or a loss if it asks for one. A loss throws Error (invalid input)
-// where its image is black. The weights are those of build_request.
+// The reply to `request`: a loss and its gradient if the request asks for one, else images. Throws
+// Error (invalid input) if the loss compares with an image that is black wherever it has a weight.
+// `derivative_weights` are those that build_request made of the same request.
 v1::RenderGradReply make_reply(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
                                const DerivativeWeights& derivative_weights);
 

@@ -13,43 +13,48 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// Light that leaves the medium through a boundary which refracts comes from a scattering at x to a
-// point y of the boundary in direction w, and from there towards a light in direction l. With p the
-// phase function, T the part of flights that reach y, b the density that the boundary draws l with
-// and s that of the lights, three techniques find it, with these densities:
+// Multiple importance sampling of light that leaves the medium through a boundary that refracts. A
+// path scatters at x, flies in direction w to the point y of the boundary, and leaves y towards a
+// light in direction l. p is the phase function, and T the transmittance from x to y. The boundary
+// draws l with density b, and the lights draw l with density s:
 //
-//   p(w) T b(l)   the walk flies to y, and meets the light behind it by itself
-//   p(w) T s(l)   it flies to y, and sends a shadow ray from there
-//   q(w) s(l)     x draws a light and sends a ray to y that is refracted towards it
+//   p(w) T b(l)   the boundary draws l at y, and the path meets the light by chance
+//   p(w) T s(l)   a light is drawn at y, and a shadow ray is sent to it from y
+//   q(w) s(l)     a light is drawn at x, and a ray is sent to a y that refracts it to the light
 //
-// All are weighed by the balance heuristic. The second finds a small light in the few directions w
-// that are refracted towards it alone, so it is noisy where light is not even; the third looks
-// there. How likely it is against the walk, q / (p T), are its odds.
+// The balance heuristic weighs all three. The second is noisy under small lights, as few directions
+// w are refracted towards them; the third draws those directions. The odds of a refracted shadow
+// ray are its density over that of the walk, q / (p T).
 //
-// q is a lobe of Henyey and Greenstein as wide as the boundary is rough, around the direction into
-// which a smooth plane refracts the light, with the normal of the boundary nearby (CellNormals).
-// Where the boundary is curved or far away, that aims badly, and the others find the light.
-// Behind one that is nearly smooth (is_nearly_smooth) they hardly do: q aims by a search.
+// q is a Henyey-Greenstein lobe that is as wide as the boundary is rough. Its axis is the direction
+// in which a smooth plane with the normal of the boundary nearby (CellNormals) would refract the
+// light to x. Where the boundary is curved or far away, this axis is a poor guess, and the first
+// two techniques find the light. Behind a nearly smooth boundary (is_nearly_smooth) these two
+// hardly ever find it; there, a search of facets gives the axis.
 //
-// Behind a smooth boundary, l follows from w. The walk finds it with p(w) T (1 - R), R being what
-// the boundary reflects. A ray to a light that was drawn is aimed twice. First by the normal
-// nearby, or straight if that faces elsewhere, to find a facet, a triangle of the boundary
-// (Facets). It and those around it may refract the light to x, each by its plane or by the normals
-// that are interpolated over it: one of the n that do is chosen, the ray is aimed at that, and
-// counts if it is what it meets. Where none does, the search goes on by the plane of the facet that
-// was found, once. So q(w) = s(l') dl'/dw / n, where l' is what the facet that w meets makes of w;
-// or 0, if a search for l' does not find that facet. Where a walk has left the medium, a search is
-// made to know that.
+// Behind a smooth boundary, w determines l. The walk finds the light with density p(w) T (1 - R),
+// where R is the reflectance of the boundary. A refracted shadow ray is aimed in two steps:
+//
+//   1. It is aimed by the normal near x, or straight at the light if that normal faces away from
+//      it. It meets a facet, a triangle of the boundary (Facets).
+//   2. This facet and its neighbours are tested, each by its plane or by the normals that are
+//      interpolated over it. n of them refract the light to x. The ray is aimed at one of these,
+//      drawn at random, and counts only if it meets that one. If n is 0, a ray that is aimed by the
+//      plane of the first facet finds another facet, and step 2 is repeated once from there.
+//
+// So q(w) = s(l') dl'/dw / n, where l' is the direction into which the facet that w meets refracts
+// w. q(w) is 0 if a search for l' does not find that facet; so each walk that leaves the medium
+// needs a search, too.
 //
 // Behind a nearly smooth boundary, the same search finds n ways of the light to x, and q is the
-// mean of the lobes around them; where n is 0, it is the lobe from above. Walks that have left, and
-// shadow rays that are sent from y, make a search to know q.
+// mean of the lobes around them; if n is 0, q is the lobe from above. Walks that leave the medium,
+// and shadow rays that are sent from y, need a search, too, as q is evaluated for them.
 //
-// A lamp is drawn by numbers, which make another l of it at x than at y: q is that at x, and s that
-// at y, of the light that is seen in l. What lamps hide at x may be seen at y; so there is always a
-// ray, unless a delta sends nothing to x. Behind a smooth boundary, the ray is sent to a point,
-// that where l meets the plane across the middle of the lamp, and counts if that lamp is what is
-// seen.
+// A lamp is a light that is near. The random numbers that draw it give one direction l at x and
+// another at y: q is evaluated for the one at x, and s for the one at y. What lamps hide at x may
+// be seen from y, so a ray is always sent, unless a light without a size (a delta) sends nothing to
+// x. Behind a smooth boundary, the ray is sent to the point where l meets the plane through the
+// middle of the lamp, and counts only if that lamp is seen from y.
 //
 // After Hanika, Droske, Fascione, "Manifold next event estimation", EGSR 2015, who look for y.
 
