@@ -22,17 +22,6 @@ void add(const Plane& terms, double factor, Plane& sum) {
   for (size_t p = 0; p < terms.size(); ++p) sum[p] += factor * terms[p];
 }
 
-Plane weighted(Plane plane, const Plane& weights) {
-  for (size_t i = 0; i < plane.size(); ++i) plane[i] *= weights[i];
-  return plane;
-}
-
-double median(Plane values) {
-  const auto middle = values.begin() + std::ssize(values) / 2;
-  std::ranges::nth_element(values, middle);
-  return *middle;
-}
-
 // The slope of y against x.
 double slope(const Plane& x, const Plane& y) {
   double mean_x = 0, mean_y = 0, xx = 0, xy = 0;
@@ -259,8 +248,8 @@ double ImageEquations::exposure(const Render& render) {
 }
 
 ImageEquations::Estimate ImageEquations::estimate_of(const tracer::RenderEstimate& render,
-                                                     const Linearization& at) const {
-  const Plane factors = disturbed(at.disturbances);
+                                                     const Linearization& at,
+                                                     const Plane& factors) const {
   Estimate estimate;
   const auto scaled = [&](size_t i, double value) { return at.exposure * factors[i] * value; };
   for (size_t i = 0; i < pixels_.size(); ++i) {
@@ -310,7 +299,9 @@ std::vector<std::vector<double>> ImageEquations::instruments_of(const Estimate& 
     const Plane guide = without(estimate.radiance, residuals.radiance, radiance_);
     for (size_t i = 0; i < count; ++i) weights[i] = inverse_variance(guide[i]);
   }
-  for (Plane& plane : instruments) plane = weighted(std::move(plane), weights);
+  for (Plane& plane : instruments) {
+    for (size_t i = 0; i < count; ++i) plane[i] *= weights[i];
+  }
   return instruments;
 }
 
@@ -318,9 +309,10 @@ ImageEquations::Residuals ImageEquations::evaluate(const Render& render, uint32_
                                                    const Linearization& at, bool plain) {
   if (pixels_.empty()) choose_pixels(render.mask);
   const size_t coordinates = at.coordinates(), count = pixels_.size();
+  const Plane factors = disturbed(at.disturbances);
   std::vector<Estimate> estimates;
   for (const tracer::RenderEstimate& one : render.estimates) {
-    estimates.push_back(estimate_of(one, at));
+    estimates.push_back(estimate_of(one, at, factors));
   }
   const auto k_count = static_cast<double>(estimates.size());
   Residuals residuals;
@@ -373,13 +365,14 @@ ImageEquations::Residuals ImageEquations::evaluate(const Render& render, uint32_
   const double past = plain ? 0 : samples_, now = spp;
   const double n = past + now, without_one = past + now * (k_count - 1) / k_count;
   const double leverage = without_one * without_one / (n * (k_count - 1) * now / k_count);
+  const Plane ones(count, 1);
   Plane squared_differences;
   for (const double difference : differences)
     squared_differences.push_back(difference * difference);
   for (size_t c = 0; c < coordinates; ++c) {
     for (size_t d = 0; d < coordinates; ++d) {
       residuals.equations.render_noise(c, d) =
-          scatter(scores, c, d, Plane(count, 1)) / (k_count * (k_count - 1)) +
+          scatter(scores, c, d, ones) / (k_count * (k_count - 1)) +
           leverage * scatter(instruments, c, d, squared_differences);
     }
   }
@@ -544,7 +537,9 @@ void ImageEquations::find_unexplained() {
   render = smoothed(render);
   Plane sizes;
   for (const double value : smooth) sizes.push_back(std::abs(value));
-  const double far = kFar * kOfMedian * median(sizes);
+  const auto middle = sizes.begin() + std::ssize(sizes) / 2;
+  std::ranges::nth_element(sizes, middle);
+  const double far = kFar * kOfMedian * *middle;
   robust_weights_.assign(pixels_.size(), 1);
   size_t count = 0;
   for (size_t i = 0; i < pixels_.size(); ++i) {

@@ -173,7 +173,9 @@ class ImageEquations {
     std::vector<double> radiance;
     std::vector<std::vector<double>> derivatives;
   };
-  Estimate estimate_of(const tracer::RenderEstimate& render, const Linearization& at) const;
+  // `factors`: of what disturbs the image, by pixel.
+  Estimate estimate_of(const tracer::RenderEstimate& render, const Linearization& at,
+                       const std::vector<double>& factors) const;
   // By coordinate, of what was seen before and of the other estimates, which are so large a part of
   // all. `residuals` has the means of all estimates.
   std::vector<std::vector<double>> instruments_of(const Estimate& estimate,

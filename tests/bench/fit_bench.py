@@ -273,24 +273,38 @@ def blurred(image, mask):
     return sums(image * mask) / np.maximum(sums(mask), 1e-6)
 
 
+def material_of(number):
+    """Reduced scattering and absorption."""
+    return MATERIALS[(number // len(SHAPES) + number) % len(MATERIALS)]
+
+
+def random_of(number, seed):
+    """What a case is drawn by. Its first number is g."""
+    rng = random.Random(1000 * seed + number)
+    return rng, rng.uniform(0, 0.8)
+
+
+def brightness(image, mask, setup):
+    """What the radiance is multiplied with: the object is bright, and so a card is not clipped."""
+    scale = 0.8 / np.percentile(image[mask > 0.5], 99.5)
+    return scale if setup == "plain" else min(scale, 0.9 / np.percentile(image, 99.9))
+
+
+def sensor_variance(x):
+    return 2e-4 * np.maximum(x, 0) + 1e-6
+
+
 def photograph(render, folder, rng, setup, wrong):
     """As a camera has it: sensor noise, clipped, encoded; and a mask that may be a pixel off."""
     noise = np.random.default_rng(rng.randrange(1 << 30))
     mask = render["mask.Y"]
     image = np.stack([render[channel] for channel in channels_of(render)], axis=-1)
 
-    def brightness():
-        return 0.8 / np.percentile(image[mask > 0.5], 99.5)
-
-    scale = brightness()
     if wrong["curve"]:  # what is dark is lifted, as phones do
         lifted = np.maximum(blurred(image.mean(axis=-1), mask), 1e-9) ** -0.3
         image = np.where(mask > 0.5, lifted, 1)[..., None] * image
-        scale = brightness()
-    if setup != "plain":
-        scale = min(scale, 0.9 / np.percentile(image, 99.9))
-    x = image * scale
-    x = np.clip(x + noise.normal(size=x.shape) * np.sqrt(2e-4 * np.maximum(x, 0) + 1e-6), 0, 1)
+    x = image * brightness(image, mask, setup)
+    x = np.clip(x + noise.normal(size=x.shape) * np.sqrt(sensor_variance(x)), 0, 1)
     x = np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1 / 2.4) - 0.055)
     write(folder / "photo.jpg", (255 * x + 0.5).astype("uint8"), [("Compression", "jpeg:90")])
     off = wrong["mask"] * rng.choice([-1, 0, 1])
@@ -358,18 +372,17 @@ def file_of(shape, options):
 
 def case(number, options):
     """Folder, shape, truths by colour, and what itn fit says."""
-    rng = random.Random(1000 * options.seed + number)
+    rng, g = random_of(number, options.seed)
     shape = options.shape or SHAPES[number % len(SHAPES)]
     kinds = ["" if options.wrong == DISTURBANCES else "-".join(options.wrong),
              f"lie-{options.lie}" if options.lie else "", "colour" if options.colour else "",
              "reference" if options.reference else "", re.sub("[:,]", "_", options.shape or "")]
     folder = options.out / "-".join([f"{options.setup}{number:03}"] + [kind for kind in kinds if kind])
     result = folder / "result.json"
-    sigma_s, sigma_a = MATERIALS[(number // len(SHAPES) + number) % len(MATERIALS)]
+    sigma_s, sigma_a = material_of(number)
     dense = 100 if options.lie == "opaque" else 1
     truths = [{"sigma_s_reduced": dense * s * sigma_s, "sigma_a": dense * a * sigma_a}
               for s, a in (COLOURS if options.colour else [(1, 1)])]
-    g = rng.uniform(0, 0.8)
     told = f"wrong: {','.join(options.wrong)}; lie: {options.lie}; seed: {options.seed}; time limit: {options.time_limit:g} s\n"
     said = folder / "case.txt"
     if result.exists() and (not said.exists() or said.read_text() != told):

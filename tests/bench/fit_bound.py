@@ -17,7 +17,6 @@ import argparse
 import json
 import math
 import pathlib
-import random
 import re
 
 import numpy as np
@@ -35,10 +34,7 @@ def number_of(folder):
 
 def truth_of(folder, seed):
     """sigma_s', sigma_a and g, as fit_bench.py chose them."""
-    number = number_of(folder)
-    kinds = len(fit_bench.MATERIALS)
-    material = fit_bench.MATERIALS[(number // len(fit_bench.SHAPES) + number) % kinds]
-    return *material, random.Random(1000 * seed + number).uniform(0, 0.8)
+    return *fit_bench.material_of(number_of(folder)), fit_bench.random_of(number_of(folder), seed)[1]
 
 
 def scene_of(folder):
@@ -82,15 +78,13 @@ def noise_of(folder, radiance, counts, setup):
     """Variance of what a pixel of the fit averages, as a part of the squared radiance."""
     truth = fit_bench.read(folder / "truth.exr")
     on_object = truth["mask.Y"] > 0.5
-    scale = 0.8 / np.percentile(truth["Y"][on_object], 99.5)
-    if setup != "plain":
-        scale = min(scale, 0.9 / np.percentile(truth["Y"], 99.9))
+    scale = fit_bench.brightness(truth["Y"], truth["mask.Y"], setup)
     crop = re.search(r"left: (\S+)[^}]*right: (\S+)", (folder / "fit" / "scene.textproto").read_text())
     part = float(crop[2]) - float(crop[1]) if crop else 1
     averaged = (part * fit_bench.SIDE / len(radiance)) ** 2
     x = scale * radiance[counts] * truth["Y"][on_object].mean() / radiance[counts].mean()
     of_render = np.mean((truth["stderr.Y"][on_object] / truth["Y"][on_object].mean()) ** 2)
-    return ((2e-4 * x + 1e-6) / x ** 2 + of_render) / max(1, averaged)
+    return (fit_bench.sensor_variance(x) / x ** 2 + of_render) / max(1, averaged)
 
 
 def by_shape(counts):
@@ -134,7 +128,7 @@ def slopes_of_albedo(sigma_s, sigma_a):
 
 
 def measure(folder, options):
-    """Names of quantities: bound, bound of an exact shape, error, and deviation that is told."""
+    """By name, in the order of NAMES: bound, bound of an exact shape, error, and deviation that is told."""
     setup = re.match("[a-z]+", folder.name)[0]
     sigma_s, sigma_a, g = truth = truth_of(folder, options.seed)
     scene = scene_of(folder)

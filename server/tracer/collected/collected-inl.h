@@ -26,55 +26,74 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// All functions but columns() may be left out. One that a kind has, and that does not take what it
-// is given here, is refused, as it would never be called.
+// The columns of a kind begin and move with a path.
 template <typename Kind>
-concept CollectedKind =
-    // The columns that begin and move with a path.
-    requires(Kind& kind) {
+concept HasColumns = requires(Kind& kind) {
   kind.columns();
-}
-&&
-    // What it knows of paths beside columns begins in a slot, and moves from one to another.
-    (
-        !requires { &Kind::begin; } || requires(Kind & kind, size_t slot) { kind.begin(slot); }) &&
-    (
-        !requires { &Kind::move; } ||
-        requires(Kind & kind, size_t from) { kind.move(from, from); }) &&
-    // Those columns that take every factor of a path's weight W, but for those of vertices.
-    (
-        !requires { &Kind::weights; } || requires(Kind & kind) { kind.weights(); }) &&
-    // Takes the vertices' factors into its weights.
-    (
-        !requires { &Kind::on_vertex; } ||
-        requires(Kind & kind, const AtVertex& at) { kind.on_vertex(at); }) &&
-    // Takes what a flight makes of scores.
-    (
-        !requires { &Kind::on_flight; } ||
-        requires(Kind & kind, const Flight& flight) { kind.on_flight(flight); }) &&
-    // Collects light that arrives.
-    (
-        !requires { &Kind::on_light; } ||
-        requires(Kind & kind, const Light& light) { kind.on_light(light); }) &&
-    // What the paths in slots i, i + 1 ... are worth to it, or `least` if that is more: for the
-    // roulette (path_importance), and for the one that other path tracers play.
-    (
-        !requires { &Kind::importance; } ||
-        requires(const Kind& kind, Floats least, size_t i) {
-          { kind.importance(least, i) } -> std::same_as<Floats>;
-        }) &&
-    (
-        !requires { &Kind::throughput; } ||
-        requires(const Kind& kind, Floats least, size_t i) {
-          { kind.throughput(least, i) } -> std::same_as<Floats>;
-        }) &&
-    // Writes what the path in a slot has collected; `expected` is the radiance of its pixel
-    // (PathSample), for control variates.
-    (
-        !requires { &Kind::record; } ||
-        requires(Kind & kind, size_t slot, float expected, PathEstimate& estimate) {
-          kind.record(slot, expected, estimate);
-        });
+};
+
+// What else a kind may do.
+
+// What it knows of paths beside columns begins in a slot.
+template <typename Kind>
+concept BeginsPaths = requires(Kind& kind, size_t slot) {
+  kind.begin(slot);
+};
+// It moves from one slot to another.
+template <typename Kind>
+concept MovesPaths = requires(Kind& kind, size_t from, size_t to) {
+  kind.move(from, to);
+};
+// It has columns that take every factor of a path's weight W, but for those of vertices.
+template <typename Kind>
+concept HasWeights = requires(Kind& kind) {
+  kind.weights();
+};
+// It takes the vertices' factors into its weights.
+template <typename Kind>
+concept TakesVertices = requires(Kind& kind, const AtVertex& at) {
+  kind.on_vertex(at);
+};
+// It takes what a flight makes of scores.
+template <typename Kind>
+concept TakesFlights = requires(Kind& kind, const Flight& flight) {
+  kind.on_flight(flight);
+};
+// It collects light that arrives.
+template <typename Kind>
+concept CollectsLight = requires(Kind& kind, const Light& light) {
+  kind.on_light(light);
+};
+// It says what the paths in slots i, i + 1 ... are worth to it, or `least` if that is more, for the
+// roulette (path_importance).
+template <typename Kind>
+concept HasImportance = requires(const Kind& kind, Floats least, size_t i) {
+  { kind.importance(least, i) } -> std::same_as<Floats>;
+};
+// It says the same for the roulette that other path tracers play.
+template <typename Kind>
+concept HasThroughput = requires(const Kind& kind, Floats least, size_t i) {
+  { kind.throughput(least, i) } -> std::same_as<Floats>;
+};
+// It writes what the path in a slot has collected; `expected` is the radiance of its pixel
+// (PathSample), for control variates.
+template <typename Kind>
+concept RecordsPaths = requires(Kind& kind, size_t slot, float expected, PathEstimate& estimate) {
+  kind.record(slot, expected, estimate);
+};
+
+// A function that a kind has, and that does not take what it is given above, is refused, as it
+// would never be called.
+template <typename Kind>
+concept CollectedKind = HasColumns<Kind> &&(BeginsPaths<Kind> || !requires { &Kind::begin; }) &&
+                        (MovesPaths<Kind> || !requires { &Kind::move; }) &&
+                        (HasWeights<Kind> || !requires { &Kind::weights; }) &&
+                        (TakesVertices<Kind> || !requires { &Kind::on_vertex; }) &&
+                        (TakesFlights<Kind> || !requires { &Kind::on_flight; }) &&
+                        (CollectsLight<Kind> || !requires { &Kind::on_light; }) &&
+                        (HasImportance<Kind> || !requires { &Kind::importance; }) &&
+                        (HasThroughput<Kind> || !requires { &Kind::throughput; }) &&
+                        (RecordsPaths<Kind> || !requires { &Kind::record; });
 
 struct Collected {
   Collected(const Scene::Compiled& scene, const RenderRequest& request, FilmWriter& film)
@@ -116,56 +135,54 @@ struct Collected {
   }
 
   void begin(size_t slot) {
-    for_each(*this, [&](CollectedKind auto& kind) {
+    for_each(*this, [&]<CollectedKind Kind>(Kind& kind) {
       begin_columns(kind.columns(), slot);
-      if constexpr (requires { kind.begin(slot); }) kind.begin(slot);
+      if constexpr (BeginsPaths<Kind>) kind.begin(slot);
     });
   }
   void move(size_t from, size_t to) {
-    for_each(*this, [&](auto& kind) {
+    for_each(*this, [&]<typename Kind>(Kind& kind) {
       move_columns(kind.columns(), from, to);
-      if constexpr (requires { kind.move(from, to); }) kind.move(from, to);
+      if constexpr (MovesPaths<Kind>) kind.move(from, to);
     });
   }
   void record(size_t slot, float expected, PathEstimate& estimate) {
-    for_each(*this, [&](auto& kind) {
-      if constexpr (requires { kind.record(slot, expected, estimate); }) {
-        kind.record(slot, expected, estimate);
-      }
+    for_each(*this, [&]<typename Kind>(Kind& kind) {
+      if constexpr (RecordsPaths<Kind>) kind.record(slot, expected, estimate);
     });
   }
 
   // Calls visit(column) for all weights.
   template <typename Visit>
   HWY_INLINE void for_each_weight(const Visit& visit) {
-    for_each(*this, [&](auto& kind) {
-      if constexpr (requires { kind.weights(); }) for_each_column(kind.weights(), visit);
+    for_each(*this, [&]<typename Kind>(Kind& kind) {
+      if constexpr (HasWeights<Kind>) for_each_column(kind.weights(), visit);
     });
   }
   HWY_INLINE void on_vertex(const AtVertex& at) {
-    for_each(*this, [&](auto& kind) {
-      if constexpr (requires { kind.on_vertex(at); }) kind.on_vertex(at);
+    for_each(*this, [&]<typename Kind>(Kind& kind) {
+      if constexpr (TakesVertices<Kind>) kind.on_vertex(at);
     });
   }
   HWY_INLINE void on_flight(const Flight& flight) {
-    for_each(*this, [&](auto& kind) {
-      if constexpr (requires { kind.on_flight(flight); }) kind.on_flight(flight);
+    for_each(*this, [&]<typename Kind>(Kind& kind) {
+      if constexpr (TakesFlights<Kind>) kind.on_flight(flight);
     });
   }
   HWY_INLINE void on_light(const Light& light) {
-    for_each(*this, [&](auto& kind) {
-      if constexpr (requires { kind.on_light(light); }) kind.on_light(light);
+    for_each(*this, [&]<typename Kind>(Kind& kind) {
+      if constexpr (CollectsLight<Kind>) kind.on_light(light);
     });
   }
   HWY_INLINE Floats importance(Floats least, size_t i) const {
-    for_each(*this, [&](const auto& kind) {
-      if constexpr (requires { kind.importance(least, i); }) least = kind.importance(least, i);
+    for_each(*this, [&]<typename Kind>(const Kind& kind) {
+      if constexpr (HasImportance<Kind>) least = kind.importance(least, i);
     });
     return least;
   }
   HWY_INLINE Floats throughput(Floats least, size_t i) const {
-    for_each(*this, [&](const auto& kind) {
-      if constexpr (requires { kind.throughput(least, i); }) least = kind.throughput(least, i);
+    for_each(*this, [&]<typename Kind>(const Kind& kind) {
+      if constexpr (HasThroughput<Kind>) least = kind.throughput(least, i);
     });
     return least;
   }

@@ -63,7 +63,7 @@ inline bool has_size(const LightDescription& description) {
 }
 
 template <typename Kind>
-concept VisibleLamp = RenderedLight<Kind> && !Kind::kDelta && !Kind::kDistant;
+concept VisibleLamp = !Kind::kDelta && !Kind::kDistant;
 
 }  // namespace itn::tracer
 

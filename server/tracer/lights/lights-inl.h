@@ -49,9 +49,10 @@ concept OutlinedLight = requires(const Kind& kind, Vectors from, Floats u, bool 
   { outline(kind, from, u, opposite) } -> std::same_as<Outline>;
 };
 template <typename Kind>
-concept LightMaths = (Kind::kDelta && DeltaLight<Kind>) ||
-                     (!Kind::kDelta && Kind::kDistant && DistantLight<Kind>) ||
-                     (VisibleLamp<Kind> && LampMaths<Kind>);
+concept LightMaths = RenderedLight<Kind> &&
+    (!Kind::kDelta || DeltaLight<Kind>)&&(Kind::kDelta || !Kind::kDistant ||
+                                          DistantLight<Kind>)&&(!VisibleLamp<Kind> ||
+                                                                LampMaths<Kind>);
 
 // One light, if it is far away and no delta.
 HWY_INLINE Emission emission(const Lights::Light& light, Vectors d) {

@@ -55,7 +55,7 @@ inline void send_outline_rays(Wavefront& wavefront, size_t i, const Vertices& ve
   const Words words = random(wavefront, i, load(wavefront.paths.vertex, i), Sampler::kOutline);
   for (LightPlaces::Outlined& of : wavefront.collected.light_places.outlined()) {
     visit_kind(of.light.kind, [&]<typename Kind>(const Kind& kind) {
-      if constexpr (requires { outline(kind, position, position.x, false); }) {
+      if constexpr (OutlinedLight<Kind>) {
         for (const bool opposite : {false, true}) {
           const Outline place = outline(kind, position, uniform(words.w[0]), opposite);
           const Floats value = evaluate_turn(wavefront, vertices, place.direction).value;
