@@ -7,7 +7,7 @@
 #include "common/fields.h"
 #include "common/scene/field_check.h"
 #include "common/scene/material_proto.h"
-#include "server/scene_compiler/mesh_builder.h"
+#include "common/scene/mesh_builder.h"
 
 namespace itn {
 

@@ -36,8 +36,8 @@
 #include "common/files/read_file.h"
 #include "common/image/photograph.h"
 #include "common/scene/material_proto.h"
+#include "common/scene/mesh_builder.h"
 #include "common/scene/scene_bytes.h"
-#include "server/scene_compiler/mesh_builder.h"
 
 namespace itn {
 namespace {
@@ -75,7 +75,7 @@ void check(const FitOptions& options) {
         "known");
   }
   check_init(options.refine.init);
-  if (options.refine.g_of_each_colour && options.g_error == 0) {
+  if (options.refine.settings.g_of_each_colour() && options.g_error == 0) {
     throw usage("--g-of-each-colour is for a g that is found: say --g-error, such as 0.4");
   }
   if (!options.scenes.empty()) {
@@ -277,20 +277,22 @@ bool read_posed_scenes(const FitOptions& options, const fs::path& folder, Refine
 // What is found with the material, and how well it was known.
 void set_unknowns(const FitOptions& options, RefineOptions& refine) {
   refine.mesh_unit.reset();  // the scenes say it
-  refine.unknowns = {kRoughness};
+  v1::RefineSettings& settings = refine.settings;
+  auto& known_within = *settings.mutable_known_within();
+  settings.add_unknowns(kRoughness);
   const auto find_within = [&](const std::string& name, double deviation) {
     if (deviation == 0) return;
-    refine.unknowns.push_back(name);
-    refine.known_within[name] = deviation;
+    settings.add_unknowns(name);
+    known_within[name] = deviation;
   };
   find_within(kIndex, options.index_error);
   if (is_by_flash(options)) {
     find_within("light[0].sphere.center.x", options.flash_error);
     find_within("light[0].sphere.center.y", options.flash_error);
   }
-  refine.unknown_exposure = !options.photograph.gray_card || card_error_of(options) > 0;
-  if (card_error_of(options) > 0) refine.known_within[kExposure] = card_error_of(options);
-  if (!refine.unknown_exposure && options.shape_error > 0) {
+  settings.set_unknown_exposure(!options.photograph.gray_card || card_error_of(options) > 0);
+  if (card_error_of(options) > 0) known_within[kExposure] = card_error_of(options);
+  if (!settings.unknown_exposure() && options.shape_error > 0) {
     spdlog::warn("intervals know nothing of --shape-error where --card-error is 0");
   }
 }
@@ -380,12 +382,12 @@ std::string in_words(const FitOptions& options) {
                  : "none",
              photograph.gray, options.card_distance.value_or(0), card_error_of(options),
              options.focal_length_35mm.value_or(0), options.index, options.index_error, options.g,
-             options.g_error, options.refine.g_of_each_colour, options.resolution,
+             options.g_error, options.refine.settings.g_of_each_colour(), options.resolution,
              options.luminance, photograph.mask,
              photograph.reading.is_linear ? *photograph.reading.is_linear ? "yes" : "no"
                                           : "by itself",
              photograph.reading.layer, options.refine.init, options.refine.starts,
-             options.refine.seed, options.refine.max_spp) +
+             options.refine.settings.seed(), options.refine.settings.max_spp()) +
          digests_of(options);
 }
 
@@ -438,8 +440,9 @@ void run_fit(const FitOptions& options) {
   require_same(words, folder);
   v1::FitResult result;
   RefineOptions refine = options.refine;
-  refine.expected_g = options.g;
-  refine.known_within[kKnownG] = options.g_error > 0 ? options.g_error : kAsGiven;
+  refine.settings.set_expected_g(options.g);
+  (*refine.settings.mutable_known_within())[kKnownG] =
+      options.g_error > 0 ? options.g_error : kAsGiven;
   const auto seconds = [&] {
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   };

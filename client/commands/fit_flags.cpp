@@ -1,4 +1,6 @@
 // itn fit: its flags.
+#include <fmt/format.h>
+
 #include <memory>
 
 #include "client/commands/command.h"
@@ -6,6 +8,7 @@
 #include "client/commands/options.h"
 #include "client/commands/photograph_flags.h"
 #include "common/flags.h"
+#include "common/render_limits.h"
 
 namespace itn {
 namespace {
@@ -13,6 +16,7 @@ namespace {
 void add_flags(CLI::App& command, FitOptions& options) {
   PhotographOptions& photograph = options.photograph;
   RefineOptions& refine = options.refine;
+  v1::RefineSettings& settings = refine.settings;
   command
       .add_option(
           "images", options.images,
@@ -118,8 +122,9 @@ void add_flags(CLI::App& command, FitOptions& options) {
       "One material for all colours, in a third of the time. Default: red, green and "
       "blue, which share g and all that is no material");
   command
-      .add_flag("--g-of-each-colour", options.refine.g_of_each_colour,
-                "Of red, green and blue each has a g of its own, known as --g and --g-error say")
+      .add_flag_callback(
+          "--g-of-each-colour", [&settings] { settings.set_g_of_each_colour(true); },
+          "Of red, green and blue each has a g of its own, known as --g and --g-error say")
       ->excludes(luminance);
   command
       .add_option("--resolution", options.resolution,
@@ -159,18 +164,19 @@ void add_flags(CLI::App& command, FitOptions& options) {
   command.add_option("--starts", refine.starts, "As of itn refine")
       ->check(number_in(1U, 64U))
       ->capture_default_str();
-  command.add_option("--max-spp", refine.max_spp, "As of itn refine")
-      ->check(number_in(64U, 1U << 20));
   command
-      .add_option("--time-limit", refine.time_limit,
-                  "In seconds, from the beginning: the refinement has what the search for the "
-                  "object leaves, one iteration at least, and the report takes up to half a minute "
-                  "more; 0: none")
+      .add_option_function<uint32_t>(
+          "--max-spp", [&settings](uint32_t spp) { settings.set_max_spp(spp); }, "As of itn refine")
+      ->check(number_in(64U, kMaxSamples));
+  command
+      .add_option_function<double>(
+          "--time-limit", [&settings](double seconds) { settings.set_time_limit(seconds); },
+          "In seconds, from the beginning: the refinement has what the search for the "
+          "object leaves, one iteration at least, and the report takes up to half a minute "
+          "more; 0: none")
       ->check(number_in(0.0, 1e9))
-      ->capture_default_str();
-  command.add_option("--seed", refine.seed, "Of the random numbers")
-      ->check(kAnySeed)
-      ->capture_default_str();
+      ->default_str(fmt::format("{}", settings.time_limit()));
+  add_refine_seed_flag(command, settings);
   command
       .add_option("-o,--output", refine.output,
                   "Folder for the scene that is found (scene.textproto), the photograph as it was "
@@ -185,8 +191,8 @@ void add_fit_command(CLI::App& app) {
   const auto options = std::make_shared<FitOptions>();
   options->refine.init = "mean";
   options->refine.starts = 4;
-  options->refine.max_spp = 4096;
-  options->refine.time_limit = 240;
+  options->refine.settings.set_max_spp(4096);
+  options->refine.settings.set_time_limit(240);
   CLI::App* command = app.add_subcommand(
       "fit", "Find the material of an object of known shape from its photograph");
   add_flags(*command, *options);

@@ -26,9 +26,9 @@ bool have_size(const v1::Scene& scene) {
 // What a few steps from several starts, or from the one that is said, find. Writes no files.
 Material scouted(RefineOptions refine, v1::Film::Channel channel) {
   refine.channel = channel;
-  refine.spp = 32;
-  refine.max_spp = 64;
-  refine.max_iterations = 8;
+  refine.settings.set_spp(32);
+  refine.settings.set_max_spp(64);
+  refine.settings.set_max_iterations(8);
   refine.output.clear();
   return from_proto(find_materials(refine).front().material());
 }
@@ -40,7 +40,7 @@ void prepare_given_scenes(const FitOptions& options, const fs::path& folder,
   refine.scenes = options.scenes;
   refine.mask.clear();  // the images have it
   refine.reading = {};
-  refine.unknown_exposure = true;
+  refine.settings.set_unknown_exposure(true);
   std::vector<Image> images;
   RefineOptions given = options.refine;
   given.images = options.images;
@@ -74,14 +74,14 @@ void prepare_given_scenes(const FitOptions& options, const fs::path& folder,
   }
   const v1::Object& object = scenes.front().object();
   if (object.has_rough_dielectric()) {
-    refine.unknowns = {kRoughness};
+    refine.settings.add_unknowns(kRoughness);
     if (options.index_error > 0 && !std::ranges::all_of(scenes, have_size)) {
       spdlog::warn(
           "the index of refraction stays that of the scene, as it has a light without a size; "
           "sphere { center { ... } radius: 2 } instead of a point lets it be found");
     } else if (options.index_error > 0) {
-      refine.unknowns.emplace_back(kIndex);
-      refine.known_within[kIndex] = options.index_error;
+      refine.settings.add_unknowns(kIndex);
+      (*refine.settings.mutable_known_within())[kIndex] = options.index_error;
     }
   }
   std::vector<Material> materials{scouted(refine, v1::Film::LUMINANCE)};

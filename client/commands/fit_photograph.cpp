@@ -20,7 +20,7 @@
 #include "common/error.h"
 #include "common/geometry/shapes.h"
 #include "common/scene/field_check.h"
-#include "server/scene_compiler/mesh_builder.h"
+#include "common/scene/mesh_builder.h"
 
 namespace itn {
 namespace fs = std::filesystem;
@@ -41,7 +41,7 @@ void set(v1::Vec3& to, Vec3d from) {
 }
 
 // Writes a rotation as an axis and an angle.
-void set_rotation(const Rotation<double>& rotation, v1::Rotation& to) {
+void set_rotation(const Rotation<double>& rotation, v1::Rotation& proto) {
   const double trace = rotation.x.x + rotation.y.y + rotation.z.z;
   const double angle = std::acos(std::clamp((trace - 1) / 2, -1.0, 1.0));
   Vec3d axis{rotation.z.y - rotation.y.z, rotation.x.z - rotation.z.x, rotation.y.x - rotation.x.y};
@@ -52,8 +52,8 @@ void set_rotation(const Rotation<double>& rotation, v1::Rotation& to) {
                                        Vec3d{rotation.x.z, rotation.y.z, rotation.z.z + 1}};
     axis = *std::ranges::max_element(columns, {}, [](Vec3d v) { return length(v); });
   }
-  set(*to.mutable_axis(), normalize(axis));
-  to.set_angle_degrees(static_cast<float>(angle / kRadiansPerDegree));
+  set(*proto.mutable_axis(), normalize(axis));
+  proto.set_angle_degrees(static_cast<float>(angle / kRadiansPerDegree));
 }
 
 Rotation<double> looking_down(double degrees) {
@@ -258,12 +258,13 @@ void allow_for_likeness(const std::vector<float>& mask, int width, const std::st
   // By renders of three objects moved by 0.2 % of their size (RMS) in waves of a quarter of the
   // size to all of it: the radiance changes by 0.8 to 1.5 %, alike over about a fifteenth.
   constexpr double kByShape = 6, kParts = 15;
-  const bool is_first = refine.model_error_length == 0;
+  v1::RefineSettings& settings = refine.settings;
+  const bool is_first = settings.model_error_length() == 0;
   const uint32_t block = block_of(mask, width, name);
-  refine.block = is_first ? block : std::min(refine.block, block);
-  refine.model_error = kByShape * shape_error;
-  refine.model_error_length =
-      std::max({refine.model_error_length, extent(mask, width) / kParts, 1.0});
+  settings.set_block(is_first ? block : std::min(settings.block(), block));
+  settings.set_model_error(kByShape * shape_error);
+  settings.set_model_error_length(
+      std::max({settings.model_error_length(), extent(mask, width) / kParts, 1.0}));
 }
 
 bool is_builtin(const std::string& shape) {

@@ -113,7 +113,7 @@ struct Changes {
     const size_t colours = variants.front().materials.size();
     const auto spp =
         std::max<uint32_t>(kEstimates, spp_for(mask.size(), kSpp) / static_cast<uint32_t>(colours));
-    const auto images = rendered(variants, spp, kEstimates, options.refine.seed, pool);
+    const auto images = rendered(variants, spp, kEstimates, options.refine.settings.seed(), pool);
     std::vector<RenderedChange> changes = pairs;
     for (size_t i = 0; i < changes.size(); ++i) {
       changes[i].more = images[2 * i];
@@ -222,7 +222,7 @@ Scouting scout(const FitPhotograph& photograph, const Mesh& mesh, const Stand& s
   settings.set_spp(spp_for(photograph.mask.size(), 32));
   settings.set_max_spp(2 * settings.spp());
   settings.set_max_iterations(8);
-  settings.set_seed(options.refine.seed);
+  settings.set_seed(options.refine.settings.seed());
   settings = with_defaults(settings);
   Refinement refinement(settings, observations, starts);
   while (!refinement.finished()) refinement.step(renderer);
@@ -243,15 +243,15 @@ struct ScoutedStand {
 // alike: 0 to 1 of the photograph's square, without bias but for the factor.
 double unlikeness(std::span<const float> photograph, std::span<const float> mask,
                   const std::vector<std::vector<float>>& renders) {
-  double own = 0, both = 0, square = 0;
+  double photographed = 0, both = 0, square = 0;
   for (size_t p = 0; p < mask.size(); ++p) {
     if (!is_on_object(mask[p])) continue;
     const double y{photograph[p]}, a{renders[0][p]}, b{renders[1][p]};
-    own += y * y;
+    photographed += y * y;
     both += y * (a + b) / 2;
     square += a * b;
   }
-  return square > 0 ? 1 - both * both / (own * square) : 1;
+  return square > 0 ? 1 - both * both / (photographed * square) : 1;
 }
 
 // What is said of how the photograph was taken, and 0 where nothing is.
@@ -369,7 +369,7 @@ class LightSearch {
         variants.push_back({placed(stand, mesh_, options_, scene_), {material}});
       }
     }
-    const auto images = rendered(variants, spp, kEstimates, options_.refine.seed, pool_);
+    const auto images = rendered(variants, spp, kEstimates, options_.refine.settings.seed(), pool_);
     std::vector<double> losses(stands.size(), std::numeric_limits<double>::infinity());
     for (size_t i = 0; i < images.size(); ++i) {
       double& least = losses[i / materials.size()];

@@ -22,7 +22,7 @@
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/printable.h"
-#include "server/scene_compiler/scene_builder.h"
+#include "server/renderer.h"
 
 namespace itn {
 namespace {
@@ -78,12 +78,12 @@ std::string command_of(const ImportedScene& imported, const fs::path& output) {
 // What of the scene cannot be rendered, as numbers beyond their ranges: an error. What is to be
 // added to it is told: files that are not there yet, and what the scene that was imported does not
 // have.
-void check_scene(const fs::path& file, const ImportedScene& imported) {
+void check_imported(const fs::path& file, const ImportedScene& imported) {
   const bool whole = imported.scene.has_object() && !imported.scene.lights().empty();
   try {
     v1::Scene scene = load_scene(file);
     resolve_media(scene);
-    if (whole) tracer::Scene compiled(build_scene(scene, {}));
+    if (whole) check_scene(scene);
   } catch (const Error& error) {
     if (whole && error.kind() == ErrorKind::kInvalidInput) {
       throw Error(error.kind(), fmt::format("{} is written, but cannot be rendered: {}",
@@ -126,7 +126,7 @@ void run_import(ImportFlags flags) {
                scene.film().width(), scene.film().height(), objects, scene.surfaces_size(),
                scene.lights_size());
   if (!notes.empty()) print_result("not carried over:\n{}", notes);
-  check_scene(flags.output, imported);
+  check_imported(flags.output, imported);
   print_result("render it: {}\n", command);
 }
 

@@ -22,13 +22,13 @@
 #include "common/files/atomic_file.h"
 #include "common/flags.h"
 #include "common/printable.h"
+#include "common/render_limits.h"
 #include "itn/v1/scene.pb.h"
 
 namespace itn {
 
 // What a worker takes at most, unless it is told to take less.
-constexpr uint32_t kMaxSpp = 1U << 20;
-inline const CLI::Validator kSppRange = number_in(1U, kMaxSpp);
+inline const CLI::Validator kSppRange = number_in(1U, kMaxSamples);
 inline const CLI::Validator kAnySeed = number_in(uint64_t{0}, UINT64_MAX);
 
 // 5% as 0.05.

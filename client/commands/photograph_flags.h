@@ -16,14 +16,14 @@ namespace itn {
 inline PixelRectangle parsed_rectangle(const std::string& text) {
   std::array<int, 4> numbers{};
   size_t count = 0;
-  const char* at = text.c_str();
+  const char* rest = text.c_str();
   for (; count < numbers.size(); ++count) {
     char* end = nullptr;
-    const long number = std::strtol(at, &end, 10);
+    const long number = std::strtol(rest, &end, 10);
     const bool last = count + 1 == numbers.size();
-    if (end == at || number < 0 || number > 16384 || *end != (last ? '\0' : ',')) break;
+    if (end == rest || number < 0 || number > 16384 || *end != (last ? '\0' : ',')) break;
     numbers[count] = static_cast<int>(number);
-    at = end + 1;
+    rest = end + 1;
   }
   if (count < numbers.size() || numbers[2] == 0 || numbers[3] == 0) {
     throw CLI::ValidationError("--gray-card",

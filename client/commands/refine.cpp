@@ -30,13 +30,12 @@
 #include "common/files/atomic_file.h"
 #include "common/image/photograph.h"
 #include "common/learning/model_files.h"
+#include "common/luminance.h"
 #include "common/random.h"
 #include "common/rpc/status.h"
 #include "common/scene/material_proto.h"
-#include "server/scene_compiler/mesh_builder.h"
-#include "server/tracer/boundary/dielectric.h"
-#include "server/tracer/boundary/rough_dielectric.h"
-#include "server/tracer/colour/channel.h"
+#include "common/scene/mesh_builder.h"
+#include "server/renderer.h"
 
 namespace itn {
 namespace {
@@ -93,7 +92,7 @@ std::vector<Observation> load_observations(const std::string& name, const v1::Sc
         "right",
         name));
   }
-  if (content.file.encoded && !options.unknown_exposure) {
+  if (content.file.encoded && !options.settings.unknown_exposure()) {
     spdlog::warn(
         "{} is encoded for a screen, by an exposure that nobody knows; --exposure unknown finds it",
         name);
@@ -146,16 +145,16 @@ void tell_disturbances_apart(std::vector<Observation>& observations) {
 
 Material parsed_material(const std::string& text) {
   std::array<double, 3> numbers{};
-  const char* at = text.c_str();
+  const char* rest = text.c_str();
   for (size_t i = 0; i < 3; ++i) {
     char* end = nullptr;
-    numbers[i] = std::strtod(at, &end);
-    if (end == at || *end != (i < 2 ? ',' : '\0')) {
+    numbers[i] = std::strtod(rest, &end);
+    if (end == rest || *end != (i < 2 ? ',' : '\0')) {
       throw usage(fmt::format(
           "--init: {} is neither network, nor mean, nor SIGMA_T,ALBEDO,G, such as 60,0.8,0.3",
           text));
     }
-    at = end + 1;
+    rest = end + 1;
   }
   const Material material{numbers[0], numbers[1], numbers[2]};
   const auto in = [](double value, double min, double max) { return min <= value && value <= max; };
@@ -176,7 +175,7 @@ Material network_guess(const RefineOptions& options, const std::vector<v1::Scene
     photograph.reading = options.reading;
     photograph.mask = options.mask;
     photograph.object_size = longest_side(object_bounds("scene.object", scenes[i].object()));
-    if (!options.unknown_exposure) photograph.exposure = 1;
+    if (!options.settings.unknown_exposure()) photograph.exposure = 1;
     inputs.push_back(load_photograph(options.images[i], photograph));
   }
   const Predict predict = predictor_here(find_model(options.model));
@@ -218,28 +217,7 @@ std::string origin_of(const RefineOptions& options) {
 // ---- All of it -------------------------------------------------------------------------------
 
 v1::RefineSettings settings_of(const RefineOptions& options) {
-  v1::RefineSettings settings;
-  settings.set_method(options.method == "adam" ? v1::RefineSettings::ADAM
-                                               : v1::RefineSettings::GAUSS_NEWTON);
-  settings.set_weights(options.weights == "map"    ? v1::RefineSettings::MAP
-                       : options.weights == "none" ? v1::RefineSettings::NONE
-                                                   : v1::RefineSettings::NOISE);
-  settings.set_unknown_exposure(options.unknown_exposure);
-  settings.set_expected_g(options.expected_g);
-  settings.set_g_of_each_colour(options.g_of_each_colour);
-  settings.set_block(options.block);
-  settings.set_model_error(options.model_error);
-  settings.set_model_error_length(options.model_error_length);
-  settings.set_spp(options.spp);
-  settings.set_max_spp(options.max_spp);
-  settings.set_max_iterations(options.max_iterations);
-  settings.set_time_limit(options.time_limit);
-  settings.set_tolerance(options.tolerance);
-  settings.set_learning_rate(options.learning_rate);
-  settings.set_seed(options.seed);
-  settings.mutable_unknowns()->Add(options.unknowns.begin(), options.unknowns.end());
-  settings.mutable_known_within()->insert(options.known_within.begin(), options.known_within.end());
-  settings = with_defaults(settings);
+  const v1::RefineSettings settings = with_defaults(options.settings);
   if (settings.spp() > settings.max_spp()) {
     throw usage(fmt::format("--spp {} must not be more than --max-spp {}", settings.spp(),
                             settings.max_spp()));
@@ -249,16 +227,10 @@ v1::RefineSettings settings_of(const RefineOptions& options) {
 
 // Sets the boundary as the scene has it, or as it was found.
 void set_boundary(const v1::Object& object, v1::RefineResult& result) {
-  if (object.has_dielectric()) {
-    const v1::Dielectric& smooth = object.dielectric();
-    result.set_index(smooth.has_index() ? smooth.index() : tracer::Dielectric{}.index);
-    result.set_roughness(0);
-  }
-  if (!object.has_rough_dielectric()) return;
-  const v1::RoughDielectric& rough = object.rough_dielectric();
-  const tracer::RoughDielectric otherwise;
-  result.set_index(rough.has_index() ? rough.index() : otherwise.index);
-  result.set_roughness(rough.has_roughness() ? rough.roughness() : otherwise.roughness);
+  const auto surface = surface_of_medium("scene.object", object);
+  if (!surface) return;
+  result.set_index(surface->index);
+  result.set_roughness(surface->roughness);
   for (const v1::RefinedParameter& found : result.unknowns()) {
     if (found.name() == "rough_dielectric.index") result.set_index(found.value());
     if (found.name() == "rough_dielectric.roughness") result.set_roughness(found.value());
@@ -398,7 +370,7 @@ std::vector<float> radiance_of(const Image& image, const std::vector<std::string
   std::vector<float> luminance(image.channel(names[0]).size());
   for (size_t c = 0; c < 3; ++c) {
     const std::vector<float>& plane = image.channel(names[c]);
-    const auto weight = static_cast<float>(tracer::kLuminanceOfColours[c]);
+    const auto weight = static_cast<float>(kLuminanceOfColours[c]);
     for (size_t p = 0; p < plane.size(); ++p) luminance[p] += weight * plane[p];
   }
   return luminance;
@@ -448,7 +420,8 @@ std::vector<v1::RefineResult> find_materials(const RefineOptions& options) {
       .starts = [&] { return starts_around(first_start(options, scenes), options.starts); },
       .report =
           [&](const v1::RefineIteration& i, size_t done) {
-            if (options.time_limit > 0) progress.end_within(options.time_limit - i.seconds());
+            const double limit = settings.time_limit();
+            if (limit > 0) progress.end_within(limit - i.seconds());
             progress.update(done, in_short(i));
           }};
   const Refinement refinement = refine(settings, observations, renderer, refine_run);

@@ -3,7 +3,6 @@
 
 #include <array>
 #include <cstdint>
-#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -26,22 +25,15 @@ struct RefineOptions {
   std::string init = "network";
   std::string model;
   uint32_t starts = 1;
-  std::string method = "gauss-newton", weights = "noise";
-  bool unknown_exposure = false;
-  std::vector<std::string> unknowns;           // of the scenes
-  std::map<std::string, double> known_within;  // RefineSettings.known_within
-  double expected_g = 0;
-  bool g_of_each_colour = false;
-  uint32_t block = 1;                              // RefineSettings.block
-  double model_error = 0, model_error_length = 0;  // RefineSettings
-  uint32_t spp = 0, max_spp = 0, max_iterations = 0;
-  double time_limit = 0, seconds_before = 0;  // RefineRun
-  double tolerance = 0.002, learning_rate = 0.05;
-  uint64_t seed = 0;
+  v1::RefineSettings settings;
+  double seconds_before = 0;  // RefineRun
   std::string output;
   bool json = false;
   WorkerFlags workers;
 };
+
+// --seed.
+void add_refine_seed_flag(CLI::App& command, v1::RefineSettings& settings);
 
 // What a film has of an image whose channels these are, Y or R, G and B.
 std::vector<float> radiance_of(const Image& image, const std::vector<std::string>& channels,

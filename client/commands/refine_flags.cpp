@@ -5,11 +5,13 @@
 #include "client/commands/options.h"
 #include "client/commands/refine.h"
 #include "common/flags.h"
+#include "common/render_limits.h"
 
 namespace itn {
 namespace {
 
 void add_flags(CLI::App& command, RefineOptions& options) {
+  v1::RefineSettings& settings = options.settings;
   command
       .add_option(
           "images", options.images,
@@ -47,28 +49,45 @@ void add_flags(CLI::App& command, RefineOptions& options) {
       ->check(number_in(1U, 64U))
       ->capture_default_str();
   command
-      .add_option("--method", options.method,
-                  "gauss-newton; adam: for comparison, 150 iterations at --spp by default")
+      .add_option_function<std::string>(
+          "--method",
+          [&settings](const std::string& method) {
+            settings.set_method(method == "adam" ? v1::RefineSettings::ADAM
+                                                 : v1::RefineSettings::GAUSS_NEWTON);
+          },
+          "gauss-newton; adam: for comparison, 150 iterations at --spp by default")
       ->check(one_of({"gauss-newton", "adam"}))
-      ->capture_default_str();
+      ->default_str("gauss-newton");
   command
-      .add_option("--pixel-weights,--weights", options.weights,
-                  "How pixels count: noise: by the inverse variance of their noise; map: by the "
-                  "squared weight map, near edges; none: all the same")
+      .add_option_function<std::string>(
+          "--pixel-weights,--weights",
+          [&settings](const std::string& weights) {
+            settings.set_weights(weights == "map"    ? v1::RefineSettings::MAP
+                                 : weights == "none" ? v1::RefineSettings::NONE
+                                                     : v1::RefineSettings::NOISE);
+          },
+          "How pixels count: noise: by the inverse variance of their noise; map: by the "
+          "squared weight map, near edges; none: all the same")
       ->check(one_of({"noise", "map", "none"}))
-      ->capture_default_str();
+      ->default_str("noise");
   command
       .add_option_function<std::string>(
           "--exposure",
-          [&options](const std::string& text) { options.unknown_exposure = text == "unknown"; },
+          [&settings](const std::string& text) {
+            settings.set_unknown_exposure(text == "unknown");
+          },
           "unknown: the images are the renders times one factor, which is found, too; default: "
           "known")
       ->check(one_of({"known", "unknown"}));
-  command.add_flag("--unknown-exposure", options.unknown_exposure,
-                   "The same as --exposure unknown");
+  command.add_flag_callback(
+      "--unknown-exposure", [&settings] { settings.set_unknown_exposure(true); },
+      "The same as --exposure unknown");
   command
-      .add_option(
-          "--unknown", options.unknowns,
+      .add_option_function<std::vector<std::string>>(
+          "--unknown",
+          [&settings](const std::vector<std::string>& names) {
+            settings.mutable_unknowns()->Assign(names.begin(), names.end());
+          },
           "Numbers of the scene that are found, too, from where the scene files have them, "
           "separated by commas: what render --derivatives lists of boundary and surfaces, "
           "such as rough_dielectric.index,rough_dielectric.roughness,surface[0].reflectance")
@@ -76,10 +95,11 @@ void add_flags(CLI::App& command, RefineOptions& options) {
   command
       .add_option_function<std::vector<std::string>>(
           "--known-within",
-          [&options](const std::vector<std::string>& texts) {
+          [&settings](const std::vector<std::string>& texts) {
             for (const std::string& text : texts) {
-              options.known_within.insert(
-                  named_number("--known-within", text, "rough_dielectric.index=0.03"));
+              const auto [name, deviation] =
+                  named_number("--known-within", text, "rough_dielectric.index=0.03");
+              settings.mutable_known_within()->insert({name, deviation});
             }
           },
           "NAME=DEVIATION, separated by commas: how well the scene files know what --unknown "
@@ -88,49 +108,58 @@ void add_flags(CLI::App& command, RefineOptions& options) {
           "about --expected-g")
       ->delimiter(',');
   command
-      .add_option("--expected-g", options.expected_g, "What g is about, with --known-within g=...")
+      .add_option_function<double>(
+          "--expected-g", [&settings](double g) { settings.set_expected_g(g); },
+          "What g is about, with --known-within g=...")
       ->check(number_in(-0.98, 0.98))
-      ->capture_default_str();
-  command.add_flag("--g-of-each-colour", options.g_of_each_colour,
-                   "Find a g of red, of green and of blue, with films of RGB. Default: one of all");
+      ->default_str("0");
+  command.add_flag_callback(
+      "--g-of-each-colour", [&settings] { settings.set_g_of_each_colour(true); },
+      "Find a g of red, of green and of blue, with films of RGB. Default: one of all");
   command
-      .add_option(
-          "--block", options.block,
+      .add_option_function<uint32_t>(
+          "--block", [&settings](uint32_t side) { settings.set_block(side); },
           "Over squares of so many pixels a side, differences to the image may hang together "
           "by what the scene leaves out; intervals are as much wider. 1: they are noise")
       ->check(number_in(1U, 64U))
-      ->capture_default_str();
-  const CLI::Validator spp_range = number_in(4U, 1U << 20);
+      ->default_str("1");
+  const CLI::Validator spp_range = number_in(4U, kMaxSamples);
   command
-      .add_option("--spp", options.spp,
-                  "Samples per pixel and image of the first iteration; default 64")
+      .add_option_function<uint32_t>(
+          "--spp", [&settings](uint32_t spp) { settings.set_spp(spp); },
+          "Samples per pixel and image of the first iteration; default 64")
       ->check(spp_range);
   command
-      .add_option("--max-spp", options.max_spp,
-                  "Samples per pixel and image of an iteration at most; as many behind the answer "
-                  "are enough; default 4096, or --spp if that is more")
+      .add_option_function<uint32_t>(
+          "--max-spp", [&settings](uint32_t spp) { settings.set_max_spp(spp); },
+          "Samples per pixel and image of an iteration at most; as many behind the answer "
+          "are enough; default 4096, or --spp if that is more")
       ->check(spp_range);
   command
-      .add_option("--max-iterations", options.max_iterations, "Of a start; default 40, of adam 150")
+      .add_option_function<uint32_t>(
+          "--max-iterations", [&settings](uint32_t most) { settings.set_max_iterations(most); },
+          "Of a start; default 40, of adam 150")
       ->check(number_in(1U, 100000U));
   command
-      .add_option(
-          "--time-limit", options.time_limit,
+      .add_option_function<double>(
+          "--time-limit", [&settings](double seconds) { settings.set_time_limit(seconds); },
           "In seconds: the last iteration has as many samples as they leave time for, and one is "
           "made at least; 0: none")
       ->check(number_in(0.0, 1e9))
-      ->capture_default_str();
+      ->default_str("0");
   command
-      .add_option("--tolerance", options.tolerance,
-                  "End when the standard deviations of ln sigma_t, albedo and g are no larger")
+      .add_option_function<double>(
+          "--tolerance", [&settings](double least) { settings.set_tolerance(least); },
+          "End when the standard deviations of ln sigma_t, albedo and g are no larger")
       ->check(number_in(0.0, 1.0))
-      ->capture_default_str();
-  command.add_option("--learning-rate", options.learning_rate, "Of adam, in unbounded coordinates")
+      ->default_str("0.002");
+  command
+      .add_option_function<double>(
+          "--learning-rate", [&settings](double rate) { settings.set_learning_rate(rate); },
+          "Of adam, in unbounded coordinates")
       ->check(number_in(1e-6, 10.0))
-      ->capture_default_str();
-  command.add_option("--seed", options.seed, "Of the random numbers")
-      ->check(kAnySeed)
-      ->capture_default_str();
+      ->default_str("0.05");
+  add_refine_seed_flag(command, settings);
   command.add_option("-o,--output", options.output,
                      "Folder for trajectory.jsonl, result.json, picture.png (target, fit, "
                      "difference) and the state, from which the same command goes on");
@@ -138,6 +167,15 @@ void add_flags(CLI::App& command, RefineOptions& options) {
 }
 
 }  // namespace
+
+void add_refine_seed_flag(CLI::App& command, v1::RefineSettings& settings) {
+  command
+      .add_option_function<uint64_t>(
+          "--seed", [&settings](uint64_t seed) { settings.set_seed(seed); },
+          "Of the random numbers")
+      ->check(kAnySeed)
+      ->default_str("0");
+}
 
 void add_refine_command(CLI::App& app) {
   const auto options = std::make_shared<RefineOptions>();

@@ -42,11 +42,11 @@
 #include "common/flags.h"
 #include "common/material.h"
 #include "common/printable.h"
+#include "common/render_limits.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
-#include "server/scene_compiler/derivatives.h"
-#include "server/scene_compiler/mesh_builder.h"
-#include "server/tracer/request/request.h"
+#include "common/scene/mesh_builder.h"
+#include "server/renderer.h"
 
 namespace itn {
 namespace {
@@ -85,9 +85,7 @@ std::string lower(std::string text) {
 
 SceneValue named_value(const std::string& text) {
   const auto [name, value] = named_number("--set", text, "light[0].scale=2");
-  const auto parameter = parameter_of(name);
-  const auto* of_scene = std::get_if<tracer::Parameter>(&parameter);
-  require_usage(of_scene != nullptr && !of_scene->of_medium(),
+  require_usage(!is_of_medium(name),
                 fmt::format("--set {}: the medium is set by --sigma-t, --albedo, --g or --phase",
                             printable(text)));
   return {name, value};
@@ -266,11 +264,9 @@ bool share_paths(const RenderFlags& options, const v1::Scene& scene,
     return false;
   }
   for (const std::string& name : options.derivatives) {
-    const auto parameter = parameter_of(name);
-    const auto* of_scene = std::get_if<tracer::Parameter>(&parameter);
-    if (of_scene != nullptr && !tracer::shares_paths(*of_scene)) return false;
+    if (!shares_paths(name)) return false;
   }
-  if (options.derivatives.size() * channels.size() > tracer::kMaxDerivatives) return false;
+  if (options.derivatives.size() * channels.size() > kMaxDerivatives) return false;
   std::vector<Material> materials;
   for (const Channel& channel : channels) materials.push_back(channel.material);
   const auto other_g = [&](const Material& m) { return m.g != materials[0].g; };
@@ -719,11 +715,11 @@ void add_render_command(CLI::App& app) {
       ->add_option("--derivatives", options->derivatives,
                    fmt::format("Layers to add, separated by commas: {} (K-th of the scene file, "
                                "from 0; the scale of a light is 1 unless --set says otherwise)",
-                               fmt::join(parameter_names(), ", ")))
+                               fmt::join(derivative_names(), ", ")))
       ->check(CLI::Validator(
           [](std::string& name) -> std::string {
             try {
-              parameter_of(name);
+              is_of_medium(name);
             } catch (const Error& error) {
               return error.what();
             }
@@ -743,14 +739,14 @@ void add_render_command(CLI::App& app) {
           "which --sigma-t and so on set. May be repeated")
       ->allow_extra_args(false);
   command->add_option("--estimates", options->estimates, "Independent estimates, as further layers")
-      ->check(number_in(1U, 16U))
+      ->check(number_in(1U, kMaxEstimates))
       ->capture_default_str();
   command
       ->add_option(
           "--pilot-spp", options->pilot_spp,
           "Samples per pixel, beyond --spp, of a pilot, which spreads the others and quietens "
           "derivatives in sigma_t and g; not with --tracer reference")
-      ->check(number_in(0U, 64U))
+      ->check(number_in(0U, kMaxPilotSpp))
       ->capture_default_str();
   command
       ->add_option("--pixels", options->pixels, "Render all pixels, or those that see the object")
@@ -779,7 +775,7 @@ void add_render_command(CLI::App& app) {
   add_worker_flags(*command, options->workers);
   command->callback([command, options] {
     if (options->noise + options->seconds > 0 && command->count("--spp") == 0) {
-      options->spp = kMaxSpp;
+      options->spp = kMaxSamples;
     }
     for (const auto& [flag, numbers] :
          {std::pair{"--sigma-t", &options->sigma_t}, std::pair{"--albedo", &options->albedo},

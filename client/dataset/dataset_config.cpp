@@ -15,6 +15,7 @@
 #include "client/scene/text_proto.h"
 #include "common/error.h"
 #include "common/files/read_file.h"
+#include "common/render_limits.h"
 #include "common/scene/material_proto.h"
 
 namespace itn {
@@ -244,17 +245,19 @@ void validate_samples(const v1::DatasetConfig& config) {
   require(!config.derivatives() || config.has_noise() || config.spp() >= 2,
           "derivatives are estimated from two halves of the samples: spp must be 2 at least");
   if (!config.has_noise()) {
-    require(config.spp() >= 1 && config.spp() <= 1 << 20,
-            fmt::format("spp is {}; spp must be 1 at least, {} at most", config.spp(), 1 << 20));
+    require(
+        config.spp() >= 1 && config.spp() <= kMaxSamples,
+        fmt::format("spp is {}; spp must be 1 at least, {} at most", config.spp(), kMaxSamples));
     return;
   }
   const v1::NoiseTarget& noise = config.noise();
   require(!config.has_spp(), "there is a noise target and spp; one of them says how many samples");
   require(noise.target() > 0 && noise.target() <= 1,
           fmt::format("noise.target is {}; it must be in (0, 1]", noise.target()));
-  require(noise.min_spp() >= 2 && noise.min_spp() <= noise.max_spp() && noise.max_spp() <= 1 << 20,
-          fmt::format("noise.min_spp and max_spp are {} and {}; they must rise, from 2 to {}",
-                      noise.min_spp(), noise.max_spp(), 1 << 20));
+  require(
+      noise.min_spp() >= 2 && noise.min_spp() <= noise.max_spp() && noise.max_spp() <= kMaxSamples,
+      fmt::format("noise.min_spp and max_spp are {} and {}; they must rise, from 2 to {}",
+                  noise.min_spp(), noise.max_spp(), kMaxSamples));
   require(noise.pilot_spp() >= 2 && noise.pilot_spp() <= 1024,
           fmt::format("noise.pilot_spp is {}; it must be in [2, 1024]", noise.pilot_spp()));
 }

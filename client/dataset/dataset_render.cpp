@@ -26,9 +26,9 @@
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/random.h"
+#include "common/render_limits.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
-#include "server/tracer/render.h"
 
 namespace itn {
 namespace fs = std::filesystem;
@@ -171,7 +171,7 @@ std::vector<Group> groups_of(const v1::Dataset& manifest) {
       continue;
     }
     const auto [place, is_new] = open.try_emplace(group_key(item), groups.size());
-    if (is_new || groups[place->second].size() == 1 + tracer::kMaxAlbedos) {
+    if (is_new || groups[place->second].size() == 1 + kMaxAlbedos) {
       place->second = groups.size();
       groups.emplace_back();
     }

@@ -6,15 +6,15 @@
 #include <numbers>
 #include <vector>
 
+#include "common/luminance.h"
 #include "common/rpc/wire_array.h"
-#include "server/tracer/colour/channel.h"
 
 namespace itn {
 namespace {
 
 // The weights of R, G and B in what a film shows.
 std::array<double, 3> weights_in(v1::Film::Channel channel) {
-  if (channel == v1::Film::LUMINANCE) return tracer::kLuminanceOfColours;
+  if (channel == v1::Film::LUMINANCE) return kLuminanceOfColours;
   std::array<double, 3> weights{};
   weights.at(static_cast<size_t>(channel - v1::Film::RED)) = 1;
   return weights;

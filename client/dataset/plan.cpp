@@ -2,187 +2,22 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <numbers>
-#include <set>
 #include <utility>
-#include <variant>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
+#include "client/dataset/choices.h"
 #include "client/dataset/distribution.h"
 #include "client/dataset/item_scene.h"
-#include "client/dataset/sampler.h"
 #include "common/error.h"
-#include "common/low_discrepancy.h"
 #include "common/random.h"
 #include "common/scene/material_proto.h"
-#include "server/scene_compiler/scene_builder.h"
-#include "server/tracer/lights/sun_sky_irradiance.h"
+#include "server/renderer.h"
 
 namespace itn {
 namespace {
-
-// Branches of the tree of random choices below a dataset's seed. The order is part of what a
-// dataset is: new ones come last.
-enum Choice : uint64_t {
-  kSplitChoice,
-  kShape,
-  kMaterial,
-  kPoseKind,
-  kRotation,
-  kPitch,
-  kDistance,
-  kObjectSize,
-  kOffsetX,
-  kOffsetY,
-  kLightKind,
-  kLight,
-  kGround,
-  kReflectance,
-  kRenderSeed,
-  kPanoramaSplit,
-  kBoundary,
-  kCheckerboard,
-  kChannel,
-  kTexture
-};
-
-// --- Splits ---
-
-// Takes `count` names off the end of `order`.
-std::vector<std::string> taken(std::vector<std::string>& order, size_t count) {
-  std::vector<std::string> names(order.end() - static_cast<std::ptrdiff_t>(count), order.end());
-  order.resize(order.size() - count);
-  return names;
-}
-
-size_t share_of(double fraction, size_t count) {
-  if (fraction == 0) return 0;
-  return std::max<size_t>(1,
-                          static_cast<size_t>(std::lround(fraction * static_cast<double>(count))));
-}
-
-// Takes those names out of `names`.
-std::vector<std::string> take_named(const google::protobuf::RepeatedPtrField<std::string>& wanted,
-                                    std::vector<std::string>& names, const char* purpose) {
-  for (const std::string& name : wanted) {
-    require(std::ranges::count(names, name) == 1,
-            fmt::format("there is no shape \"{}\" to {} with; {}", name, purpose,
-                        names.empty() ? "none is left"
-                                      : fmt::format("there are {}", fmt::join(names, ", "))));
-    std::erase(names, name);
-  }
-  return {wanted.begin(), wanted.end()};
-}
-
-// The place of an item in its split.
-struct Place {
-  v1::Split split;
-  uint64_t index;  // among the items of this split
-};
-
-// How many of the first `count` there are of a kind that has this part of them: the nearest number.
-uint64_t part_of(double fraction, uint64_t count) {
-  return static_cast<uint64_t>(std::floor(fraction * static_cast<double>(count) + 0.5));
-}
-
-// Splits come in turn as evenly as their fractions allow: first what is of the test, then, of the
-// rest, what is of the validation.
-Place place_of(const v1::DatasetConfig& config, uint64_t index) {
-  const uint64_t test = part_of(config.test_fraction(), index);
-  if (part_of(config.test_fraction(), index + 1) > test) return {v1::SPLIT_TEST, test};
-  const uint64_t rest = index - test;
-  const double fraction = config.validation_fraction() / (1 - config.test_fraction());
-  const uint64_t validation = part_of(fraction, rest);
-  if (part_of(fraction, rest + 1) > validation) return {v1::SPLIT_VALIDATION, validation};
-  return {v1::SPLIT_TRAIN, rest - validation};
-}
-
-// --- Numbers to choose by ---
-
-// A permutation of 0 .. count-1 that a seed selects, at one place: a Feistel network over the next
-// power of four, walked until it comes back into the range (Black and Rogaway, "Ciphers with
-// arbitrary finite domains", 2002).
-uint64_t permuted(uint64_t place, uint64_t count, uint64_t seed) {
-  const int half = std::max(1, static_cast<int>(std::bit_width(count - 1) + 1) / 2);
-  const uint64_t mask = (uint64_t{1} << half) - 1;
-  do {
-    uint64_t left = place >> half, right = place & mask;
-    for (uint64_t round = 0; round < 6; ++round) {
-      left ^= derive_seed(seed, {round, right}) & mask;
-      std::swap(left, right);
-    }
-    place = left << half | right;
-  } while (place >= count);
-  return place;
-}
-
-// The choices of one item.
-class Choices {
- public:
-  Choices(const v1::DatasetConfig& config, Place place)
-      : seed_(derive_seed(config.seed(), {static_cast<uint64_t>(place.split)})),
-        index_(place.index) {}
-
-  // In [0, 1). Stretches of 64 items have one in each 64th, in an order that knows nothing of other
-  // choices. (Points of a sequence, shuffled for each choice as renderers do, would be spread more
-  // evenly yet, but neighbours go together from choice to choice, which a chi-square test sees.)
-  double number(uint64_t choice) const {
-    constexpr uint64_t kStrata = 64;
-    return (static_cast<double>(in_turn(choice, kStrata)) + random(choice).uniform()) / kStrata;
-  }
-
-  // What is in a list comes in turn.
-  float draw(uint64_t choice, const v1::Distribution& distribution) const {
-    const auto& list = distribution.one_of().value();
-    return static_cast<float>(
-        list.empty() ? quantile(distribution, number(choice))
-                     : list[static_cast<int>(in_turn(choice, static_cast<uint64_t>(list.size())))]);
-  }
-
-  // Three numbers that are spread evenly together: Owen-scrambled Sobol points.
-  std::array<double, 3> point(uint64_t choice) const {
-    SplitMix scrambles(derive_seed(seed_, {choice, index_ >> 32}));
-    std::array<double, 3> result;
-    std::ranges::transform(
-        sobol_point(static_cast<uint32_t>(index_)), result.begin(), [&](uint32_t coordinate) {
-          return owen_scrambled(coordinate, static_cast<uint32_t>(scrambles.next())) * 0x1p-32;
-        });
-    return result;
-  }
-
-  // One of `count`: all of them in an order of its own, then again in another.
-  uint64_t in_turn(uint64_t choice, uint64_t count) const {
-    return permuted(index_ % count, count, derive_seed(seed_, {choice, index_ / count}));
-  }
-
-  // Independent uniform numbers in [0, 1).
-  SplitMix random(uint64_t choice) const { return SplitMix(derive_seed(seed_, {choice, index_})); }
-
- private:
-  uint64_t seed_;
-  uint64_t index_;
-};
-
-// The number of the weight that `u` in [0, 1) falls on.
-size_t weighted(std::span<const double> weights, double u) {
-  double sum = 0;
-  for (const double weight : weights) sum += weight;
-  u *= sum;
-  size_t last = 0;  // with a weight
-  for (size_t i = 0; i < weights.size(); ++i) {
-    if (weights[i] == 0) continue;
-    last = i;
-    if (u < weights[i]) break;
-    u -= weights[i];
-  }
-  return last;
-}
-
-// --- The choices ---
 
 v1::Material draw_material(const v1::MaterialChoice& materials, const Choices& choices) {
   std::array<double, 3> u = choices.point(kMaterial);
@@ -240,10 +75,7 @@ const v1::Distribution& azimuths_of(const v1::SunSkyChoice& sun, v1::Split split
 
 // Makes what a film shows of sun and sky so bright.
 void give_irradiance(v1::SunSky& sun, float irradiance, v1::Film::Channel channel) {
-  v1::Light light;
-  *light.mutable_sun_sky() = sun;
-  const double unscaled = tracer::irradiance_from_above(
-      std::get<tracer::SunSkyLight>(build_light("light", light)), build_channel(channel));
+  const double unscaled = irradiance_from_above(sun, channel);
   sun.set_sun_scale(static_cast<float>(irradiance / unscaled));
   sun.set_sky_scale(static_cast<float>(irradiance / unscaled));
 }
@@ -342,7 +174,7 @@ v1::Lamp draw_lamp(const v1::LampChoice& choice, const v1::ItemCamera& camera, u
 }
 
 v1::ItemLight draw_light(const v1::DatasetConfig& config, v1::Split split,
-                         const v1::DatasetItem& item_so_far, const PanoramaSplit& panoramas,
+                         const v1::DatasetItem& item_so_far, const NameSplit& panoramas,
                          const Choices& choices) {
   std::vector<double> weights;
   for (const v1::LightChoice& light : config.lights()) weights.push_back(light.weight());
@@ -358,7 +190,7 @@ v1::ItemLight draw_light(const v1::DatasetConfig& config, v1::Split split,
       break;
     case v1::LightChoice::kPanoramas:
       *item.mutable_panorama() =
-          draw_panorama(light.panoramas(), panoramas.names(split), kind, choices);
+          draw_panorama(light.panoramas(), panoramas.names_or_training(split), kind, choices);
       break;
     case v1::LightChoice::kLamp:
       *item.mutable_lamp() = draw_lamp(light.lamp(), item_so_far.camera(), kind, choices);
@@ -428,7 +260,7 @@ v1::Film::Channel draw_channel(const v1::DatasetConfig& config, const Choices& c
 
 // All but the material; and the seed and the name, which are the item's own.
 v1::DatasetItem draw_scene(const v1::DatasetConfig& config, v1::Split split,
-                           const std::string& shape, const PanoramaSplit& panoramas,
+                           const std::string& shape, const NameSplit& panoramas,
                            const Choices& choices) {
   v1::DatasetItem item;
   item.set_split(split);
@@ -504,28 +336,6 @@ void add_panorama(DatasetPlan& plan, const Panorama& panorama, v1::Split split) 
            *plan.manifest.add_panoramas());
 }
 
-// The split that a name is in.
-template <typename NamesOfSplits>
-v1::Split split_of(const std::string& name, const NamesOfSplits& names) {
-  const auto is_of = [&](const std::vector<std::string>& part) {
-    return std::ranges::binary_search(part, name);
-  };
-  return is_of(names.test)         ? v1::SPLIT_TEST
-         : is_of(names.validation) ? v1::SPLIT_VALIDATION
-                                   : v1::SPLIT_TRAIN;
-}
-
-// The names of a manifest's entries in a split, in the order of their names.
-template <typename Entries>
-std::vector<std::string> names_in(const Entries& entries, v1::Split split) {
-  std::vector<std::string> names;
-  for (const auto& entry : entries) {
-    if (entry.split() == split) names.push_back(entry.name());
-  }
-  std::ranges::sort(names);
-  return names;
-}
-
 bool is_grid(const v1::DatasetConfig& config) {
   return config.materials().sampling() == v1::MaterialChoice::GRID;
 }
@@ -538,7 +348,7 @@ void forget_folders(v1::DatasetConfig& config) {
   }
 }
 
-void add_items(v1::Dataset& manifest, const ShapeSplit& shapes, const PanoramaSplit& panoramas) {
+void add_items(v1::Dataset& manifest, const NameSplit& shapes, const NameSplit& panoramas) {
   const v1::DatasetConfig& config = manifest.config();
   manifest.mutable_items()->Reserve(static_cast<int>(config.count()));
   for (auto i = static_cast<uint64_t>(manifest.items_size()); i < config.count(); ++i) {
@@ -548,100 +358,8 @@ void add_items(v1::Dataset& manifest, const ShapeSplit& shapes, const PanoramaSp
 
 }  // namespace
 
-const std::vector<std::string>& ShapeSplit::names(v1::Split split) const {
-  return split == v1::SPLIT_TEST ? test : split == v1::SPLIT_VALIDATION ? validation : train;
-}
-
-ShapeSplit split_shapes(const v1::DatasetConfig& config, std::span<const Shape> shapes) {
-  std::set<std::string> unique;
-  for (const Shape& shape : shapes) {
-    require(unique.insert(shape.name).second,
-            fmt::format("two shapes are called \"{}\"; rename one of them", shape.name));
-  }
-  const size_t total = unique.size();
-  const size_t splits =
-      1 + (config.test_fraction() > 0 ? 1 : 0) + (config.validation_fraction() > 0 ? 1 : 0);
-  require(total >= splits,
-          fmt::format("there are {} shapes; training{}{} need one each at least, as they share "
-                      "none{}",
-                      total, config.validation_fraction() > 0 ? ", validation" : "",
-                      config.test_fraction() > 0 ? " and test" : "",
-                      total == 2 ? "; with --validation-fraction 0 two are enough" : ""));
-  std::vector<std::string> names(unique.begin(), unique.end());
-  ShapeSplit split;
-  split.test = take_named(config.test_shapes(), names, "test");
-  split.validation = take_named(config.validation_shapes(), names, "validate");
-  // The rest in a random order, of which those take what have none yet, and leave one.
-  std::vector<std::string> rest;
-  for (const uint32_t i : permutation(static_cast<uint32_t>(names.size()),
-                                      derive_seed(config.seed(), {kSplitChoice}))) {
-    rest.push_back(names[i]);
-  }
-  const auto fill = [&](std::vector<std::string>& part, double fraction, size_t others) {
-    if (!part.empty()) return;
-    const size_t free = rest.size() > others ? rest.size() - others : 0;
-    part = taken(rest, std::min(share_of(fraction, total), free));
-  };
-  fill(split.test, config.test_fraction(),
-       1 + (config.validation_fraction() > 0 && split.validation.empty() ? 1 : 0));
-  fill(split.validation, config.validation_fraction(), 1);
-  require(!rest.empty(), "no shape is left to train with");
-  require(config.validation_fraction() == 0 || !split.validation.empty(),
-          "no shape is left for validation; with --validation-fraction 0 there is none");
-  split.train = std::move(rest);
-  for (std::vector<std::string>* part : {&split.train, &split.validation, &split.test}) {
-    std::ranges::sort(*part);
-  }
-  return split;
-}
-
-ShapeSplit split_shapes(const v1::Dataset& manifest) {
-  return {.train = names_in(manifest.shapes(), v1::SPLIT_TRAIN),
-          .validation = names_in(manifest.shapes(), v1::SPLIT_VALIDATION),
-          .test = names_in(manifest.shapes(), v1::SPLIT_TEST)};
-}
-
-const std::vector<std::string>& PanoramaSplit::names(v1::Split split) const {
-  const std::vector<std::string>& own = split == v1::SPLIT_TEST         ? test
-                                        : split == v1::SPLIT_VALIDATION ? validation
-                                                                        : train;
-  return own.empty() ? train : own;
-}
-
-PanoramaSplit split_panoramas(const v1::DatasetConfig& config,
-                              std::span<const Panorama> panoramas) {
-  const auto total = static_cast<uint32_t>(panoramas.size());
-  std::vector<std::string> rest;
-  std::set<std::string> unique;
-  for (const uint32_t i : permutation(total, derive_seed(config.seed(), {kPanoramaSplit}))) {
-    rest.push_back(panoramas[i].name);
-    require(unique.insert(rest.back()).second,
-            fmt::format("two panoramas are called \"{}\"; rename one of them", rest.back()));
-  }
-  PanoramaSplit split;
-  // The training has one at least; then the test, then the validation.
-  const auto fill = [&](std::vector<std::string>& part, double fraction, size_t others) {
-    const size_t free = rest.size() > others ? rest.size() - others : 0;
-    part = taken(rest, std::min(share_of(fraction, total), free));
-  };
-  fill(split.test, config.test_fraction(),
-       1 + (config.validation_fraction() > 0 && total > 2 ? 1 : 0));
-  fill(split.validation, config.validation_fraction(), 1);
-  split.train = std::move(rest);
-  for (std::vector<std::string>* part : {&split.train, &split.validation, &split.test}) {
-    std::ranges::sort(*part);
-  }
-  return split;
-}
-
-PanoramaSplit split_panoramas(const v1::Dataset& manifest) {
-  return {.train = names_in(manifest.panoramas(), v1::SPLIT_TRAIN),
-          .validation = names_in(manifest.panoramas(), v1::SPLIT_VALIDATION),
-          .test = names_in(manifest.panoramas(), v1::SPLIT_TEST)};
-}
-
-v1::DatasetItem plan_item(const v1::DatasetConfig& config, const ShapeSplit& shapes, uint64_t index,
-                          const PanoramaSplit& panoramas) {
+v1::DatasetItem plan_item(const v1::DatasetConfig& config, const NameSplit& shapes, uint64_t index,
+                          const NameSplit& panoramas) {
   const Place place = place_of(config, index);
   const Choices choices(config, place);
   const std::vector<std::string>& names = shapes.names(place.split);
@@ -661,11 +379,11 @@ DatasetPlan plan_dataset(const v1::DatasetConfig& config, std::span<const Shape>
   *plan.manifest.mutable_config() = config;
   forget_folders(*plan.manifest.mutable_config());
   // Split the shapes and the panoramas.
-  const ShapeSplit split = split_shapes(config, shapes);
-  for (const Shape& shape : shapes) add_shape(plan, shape, split_of(shape.name, split));
-  const PanoramaSplit panorama_split = split_panoramas(config, panoramas);
+  const NameSplit split = split_shapes(config, shapes);
+  for (const Shape& shape : shapes) add_shape(plan, shape, split.split_of(shape.name));
+  const NameSplit panorama_split = split_panoramas(config, panoramas);
   for (const Panorama& panorama : panoramas) {
-    add_panorama(plan, panorama, split_of(panorama.name, panorama_split));
+    add_panorama(plan, panorama, panorama_split.split_of(panorama.name));
   }
   // Choose the items.
   if (is_grid(config)) {

@@ -93,15 +93,15 @@ ShapeSet load_shape_set(const fs::path& folder, bool repair) {
   for (const fs::path& file : files_with({".ply", ".obj", ".stl"}, folder)) {
     try {
       const Mesh mesh = load_shape(file, repair, true);
-      const Invariants own = invariants_of(mesh);
-      if (const auto same = std::ranges::find(invariants, own); same != invariants.end()) {
+      const Invariants signature = invariants_of(mesh);
+      if (const auto same = std::ranges::find(invariants, signature); same != invariants.end()) {
         set.alike.push_back(fmt::format(
             "{} is the shape of {} again, as it is, turned, scaled or mirrored: a test that has "
             "one "
             "of them while training has the other is too easy",
             file.string(), set.shapes[static_cast<size_t>(same - invariants.begin())].name));
       }
-      invariants.push_back(own);
+      invariants.push_back(signature);
       const auto load = [file, repair] { return serialized(load_shape(file, repair, false)); };
       set.shapes.push_back(described(file.stem().string(), serialized(mesh), load));
     } catch (const Error& error) {

@@ -17,6 +17,7 @@
 #include "common/error.h"
 #include "common/files/read_file.h"
 #include "common/geometry/shapes.h"
+#include "common/render_limits.h"
 
 namespace itn {
 namespace {
@@ -133,9 +134,9 @@ void validate_refinement(const v1::AnalysisBySynthesis& refinement) {
   require_rising("iterations", refinement.iterations());
   require_rising("gauss_newton_iterations", refinement.gauss_newton_iterations());
   require(refinement.spp() >= 4 && refinement.max_spp() >= refinement.spp() &&
-              refinement.max_spp() <= 1 << 20,
+              refinement.max_spp() <= kMaxSamples,
           fmt::format("refinement.spp and max_spp are {} and {}; they must rise, from 4 to {}",
-                      refinement.spp(), refinement.max_spp(), 1 << 20));
+                      refinement.spp(), refinement.max_spp(), kMaxSamples));
   require(std::isfinite(refinement.learning_rate()) && refinement.learning_rate() > 0,
           fmt::format("refinement.learning_rate is {}; it must be above 0",
                       refinement.learning_rate()));
@@ -154,9 +155,9 @@ void validate_experiment(const v1::Experiment& experiment) {
   } catch (const Error& error) {
     throw Error(error.kind(), fmt::format("rerendering.novel_shape: {}", error.what()));
   }
-  require(experiment.rerendering().spp() >= 4 && experiment.rerendering().spp() <= 1 << 20,
+  require(experiment.rerendering().spp() >= 4 && experiment.rerendering().spp() <= kMaxSamples,
           fmt::format("rerendering.spp is {}; it must be in [4, {}]",
-                      experiment.rerendering().spp(), 1 << 20));
+                      experiment.rerendering().spp(), kMaxSamples));
 }
 
 v1::Experiment parsed(const std::string& text, const std::string& name) {

@@ -53,14 +53,15 @@ void append_triangles(Mesh& mesh, std::span<const uint32_t> corners) {
   const Polygon polygon(mesh.vertices, corners);
   std::vector<uint32_t> ring(corners.size());
   std::iota(ring.begin(), ring.end(), 0U);
-  for (size_t at = 1, tried = 0; ring.size() > 3 && tried < ring.size();) {
-    at %= ring.size();
-    if (polygon.is_ear(ring, at)) {
-      append(ring[(at + ring.size() - 1) % ring.size()], ring[at], ring[(at + 1) % ring.size()]);
-      ring.erase(ring.begin() + static_cast<std::ptrdiff_t>(at));
+  for (size_t corner = 1, tried = 0; ring.size() > 3 && tried < ring.size();) {
+    corner %= ring.size();
+    if (polygon.is_ear(ring, corner)) {
+      append(ring[(corner + ring.size() - 1) % ring.size()], ring[corner],
+             ring[(corner + 1) % ring.size()]);
+      ring.erase(ring.begin() + static_cast<std::ptrdiff_t>(corner));
       tried = 0;
     } else {
-      ++at;
+      ++corner;
       ++tried;
     }
   }

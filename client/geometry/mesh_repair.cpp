@@ -141,16 +141,17 @@ class Repair {
       const auto cube = [&](double x, double low) {
         return static_cast<int64_t>(std::floor((x - low) / distance));
       };
-      const Cube at{cube(p.x, box.min.x), cube(p.y, box.min.y), cube(p.z, box.min.z)};
+      const Cube home{cube(p.x, box.min.x), cube(p.y, box.min.y), cube(p.z, box.min.z)};
       for (int i = 0; i < 27 && stands_for[v] == v; ++i) {
-        const auto found = kept.find({at[0] + i % 3 - 1, at[1] + i / 3 % 3 - 1, at[2] + i / 9 - 1});
+        const auto found =
+            kept.find({home[0] + i % 3 - 1, home[1] + i / 3 % 3 - 1, home[2] + i / 9 - 1});
         if (found == kept.end()) continue;
         for (const uint32_t other : found->second) {
           if (length(Vec3d(mesh().vertices[other]) - p) <= distance) stands_for[v] = other;
         }
       }
       if (stands_for[v] == v) {
-        kept[at].push_back(v);
+        kept[home].push_back(v);
       } else {
         ++repair_.welded_vertices;
       }
@@ -219,15 +220,15 @@ class Repair {
       for (;;) {
         const auto edge = next.find(path.back());
         if (edge == next.end()) break;  // not a loop: edges of three or more triangles meet it
-        const uint32_t to = edge->second;
+        const uint32_t corner = edge->second;
         next.erase(edge);
-        const auto begin = std::ranges::find(path, to);
+        const auto begin = std::ranges::find(path, corner);
         if (begin != path.end()) {
           fill({begin, path.end()}, edges);
           path.erase(begin + 1, path.end());
           if (path.size() == 1) break;
         } else {
-          path.push_back(to);
+          path.push_back(corner);
         }
       }
     }

@@ -150,19 +150,20 @@ class Lines {
       for (size_t channel = 0; channel < 4; ++channel) read_channel(line, channel);
       return;
     }
-    size_t at = 0;
+    size_t filled = 0;
     int shift = 0;  // of how often the last pixel is repeated, if several pixels say so
     for (Rgbe next = first;; next = pixel()) {
       if (next[0] == 1 && next[1] == 1 && next[2] == 1) {
         const size_t count = shift < 32 ? size_t{next[3]} << shift : line.size();
-        if (at == 0 || count > line.size() - at) throw damaged_hdr(name_, "a run is too long");
-        for (size_t i = 0; i < count; ++i, ++at) line[at] = line[at - 1];
+        if (filled == 0 || count > line.size() - filled)
+          throw damaged_hdr(name_, "a run is too long");
+        for (size_t i = 0; i < count; ++i, ++filled) line[filled] = line[filled - 1];
         shift += 8;
       } else {
-        line[at++] = next;
+        line[filled++] = next;
         shift = 0;
       }
-      if (at == line.size()) return;
+      if (filled == line.size()) return;
     }
   }
 
@@ -179,13 +180,13 @@ class Lines {
     return value;
   }
   void read_channel(std::vector<Rgbe>& line, size_t channel) {
-    for (size_t at = 0; at < line.size();) {
+    for (size_t filled = 0; filled < line.size();) {
       const uint8_t code = byte();
       const bool run = code > 128;
       const size_t count = run ? code - 128U : code;
-      if (count == 0 || count > line.size() - at) throw damaged_hdr(name_, "a run is too long");
+      if (count == 0 || count > line.size() - filled) throw damaged_hdr(name_, "a run is too long");
       const uint8_t repeated = run ? byte() : uint8_t{0};
-      for (size_t i = 0; i < count; ++i) line[at++][channel] = run ? repeated : byte();
+      for (size_t i = 0; i < count; ++i) line[filled++][channel] = run ? repeated : byte();
     }
   }
 

@@ -102,8 +102,8 @@ void convert_colours(const ColourEncoding& encoding, const std::vector<std::stri
 template <typename T>
 Image to_linear(const EncodedPixels& pixels, const std::vector<T>& values,
                 const std::string& name) {
-  const Upright to = upright(pixels);
-  Image image{.width = to.width(), .height = to.height(), .channels = {}, .attributes = {}};
+  const Upright turned = upright(pixels);
+  Image image{.width = turned.width(), .height = turned.height(), .channels = {}, .attributes = {}};
   const std::vector<float> table = curve<T>(pixels.encoding);
   const auto channels = static_cast<size_t>(pixels.channels);
   const size_t colours = channels - (pixels.has_alpha() ? 1 : 0);
@@ -113,7 +113,7 @@ Image to_linear(const EncodedPixels& pixels, const std::vector<T>& values,
   for (size_t channel = 0; channel < colours; ++channel) {
     std::vector<float>& plane = image.channels[names[channel]];
     plane.resize(count);
-    to.for_each([&](size_t pixel, size_t source) {
+    turned.for_each([&](size_t pixel, size_t source) {
       const T* value = &values[source * channels];
       plane[pixel] = light_of(value[channel], value[channels - 1], pixels.multiplied_by_alpha,
                               pixels.encoding, table);
@@ -123,7 +123,7 @@ Image to_linear(const EncodedPixels& pixels, const std::vector<T>& values,
   if (pixels.has_alpha()) {
     std::vector<float>& plane = image.channels["A"];
     plane.resize(count);
-    to.for_each([&](size_t pixel, size_t source) {
+    turned.for_each([&](size_t pixel, size_t source) {
       plane[pixel] = static_cast<float>(values[source * channels + colours] / kTop<T>);
     });
   }
@@ -201,14 +201,14 @@ bool alpha_varies(const std::vector<T>& values, size_t channels) {
 template <typename T>
 MaskFile mask_of(const EncodedPixels& pixels, const std::vector<T>& values,
                  const std::string& name) {
-  const Upright to = upright(pixels);
+  const Upright turned = upright(pixels);
   const auto channels = static_cast<size_t>(pixels.channels);
   const bool by_alpha = pixels.has_alpha() && alpha_varies(values, channels);
-  MaskFile mask{.width = to.width(),
-                .height = to.height(),
+  MaskFile mask{.width = turned.width(),
+                .height = turned.height(),
                 .values = std::vector<float>(values.size() / channels),
                 .turned = pixels.exif.orientation != 1};
-  to.for_each([&](size_t pixel, size_t source) {
+  turned.for_each([&](size_t pixel, size_t source) {
     const T* value = &values[source * channels];
     if (!by_alpha && channels >= 3 && !(value[0] == value[1] && value[1] == value[2])) {
       const auto width = static_cast<size_t>(mask.width);

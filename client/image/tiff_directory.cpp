@@ -37,16 +37,16 @@ size_t bytes_of_type(uint32_t type) {
   }
 }
 
-double value_of_type(std::string_view file, size_t at, uint32_t type, bool little_endian) {
+double value_of_type(std::string_view file, size_t begin, uint32_t type, bool little_endian) {
   const size_t bytes = bytes_of_type(type);
-  const auto part = [&](size_t offset) { return integer(file, at + offset, 4, little_endian); };
+  const auto part = [&](size_t offset) { return integer(file, begin + offset, 4, little_endian); };
   switch (type) {
     case 5: return static_cast<double>(part(0)) / part(4);
     case 9: return static_cast<int32_t>(part(0));
     case 10:
       return static_cast<double>(static_cast<int32_t>(part(0))) / static_cast<int32_t>(part(4));
     case 11: return std::bit_cast<float>(part(0));
-    default: return integer(file, at, bytes, little_endian);
+    default: return integer(file, begin, bytes, little_endian);
   }
 }
 

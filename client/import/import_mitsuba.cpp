@@ -17,9 +17,10 @@
 #include "client/measured_media.h"
 #include "common/angle.h"
 #include "common/error.h"
+#include "common/luminance.h"
 #include "common/printable.h"
+#include "common/render_limits.h"
 #include "common/scene/material_proto.h"
-#include "server/tracer/colour/channel.h"
 
 namespace itn {
 namespace {
@@ -189,7 +190,7 @@ class Importer {
   }
   float number_of(const Colour& colour) const {
     if (options_.channel == v1::Film::LUMINANCE) {
-      return static_cast<float>(tracer::luminance(colour));
+      return static_cast<float>(luminance(colour));
     }
     return static_cast<float>(colour[static_cast<size_t>(options_.channel - v1::Film::RED)]);
   }
@@ -694,12 +695,12 @@ class Importer {
     sky.set_turbidity(static_cast<float>(emitter.number("turbidity", 3)));
     sky.set_ground_albedo(number_for(emitter, "albedo", file_.is_3 ? 0.3 : 0.15));
     if (emitter.has("sun_direction")) {  // in the world's coordinates, whatever to_world is
-      const Vector3d to =
+      const Vector3d direction =
           (world_.linear() * emitter.vector("sun_direction", Vector3d::UnitY())).normalized();
       sky.set_sun_elevation_degrees(
-          static_cast<float>(std::max(0.0, std::asin(to.y()) / kRadiansPerDegree)));
+          static_cast<float>(std::max(0.0, std::asin(direction.y()) / kRadiansPerDegree)));
       sky.set_sun_azimuth_degrees(
-          static_cast<float>(std::atan2(to.x(), -to.z()) / kRadiansPerDegree));
+          static_cast<float>(std::atan2(direction.x(), -direction.z()) / kRadiansPerDegree));
     } else {
       leave(emitter,
             "the sun's place by time and latitude: write sun_elevation_degrees and "
@@ -781,9 +782,8 @@ class Importer {
     }
     camera.set_fov_degrees(static_cast<float>(horizontal_fov(sensor, width, height)));
     if (const MitsubaPlugin* const sampler = sensor.child("sampler")) {
-      constexpr double kMaxSamples = 1 << 20;
       const double samples = sampler->number("sample_count", 0);
-      result_.samples = static_cast<uint32_t>(std::clamp(samples, 0.0, kMaxSamples));
+      result_.samples = static_cast<uint32_t>(std::clamp(samples, 0.0, double{kMaxSamples}));
       if (samples != result_.samples) {
         leave(*sampler, fmt::format("sample_count {}: it is {} here", samples, result_.samples));
       }

@@ -245,7 +245,8 @@ class Reader {
     return result;
   }
 
-  void fill(MitsubaPlugin& to, const pugi::xml_node& node, const Document& document, int depth) {
+  void fill(MitsubaPlugin& filled, const pugi::xml_node& node, const Document& document,
+            int depth) {
     if (depth > kMaxDepth) {
       throw invalid_input(fmt::format("{}: more than {} tags or files in one another",
                                       document.place(node), kMaxDepth));
@@ -258,18 +259,19 @@ class Reader {
         defaults_.emplace(child.attribute("name").value(), value("value"));
       } else if (tag == "include") {
         try {
-          include(to, document.path.parent_path() / value("filename"), depth);
+          include(filled, document.path.parent_path() / value("filename"), depth);
         } catch (const Error& error) {
           if (error.kind() != ErrorKind::kIo) throw;
           throw Error(error.kind(),
                       fmt::format("{}: <include>: {}", document.place(child), error.what()));
         }
       } else if (tag == "ref") {
-        references_.push_back({&to, to.children.size(), value("id"), document.place(child)});
-        to.children.push_back({with_underscores(value("name")), nullptr});
+        references_.push_back(
+            {&filled, filled.children.size(), value("id"), document.place(child)});
+        filled.children.push_back({with_underscores(value("name")), nullptr});
       } else if (tag == "transform") {
         const std::string name = with_underscores(value("name"));
-        if (!to.transforms.emplace(name, transform_of(child, document)).second) {
+        if (!filled.transforms.emplace(name, transform_of(child, document)).second) {
           throw twice(child, name, document);
         }
       } else if (tag == "alias") {
@@ -277,7 +279,7 @@ class Reader {
       } else if (is_property(tag)) {
         MitsubaProperty property{tag, attributes_of(child, document)};
         const std::string name = with_underscores(property.attributes["name"]);
-        if (!to.properties.emplace(name, std::move(property)).second) {
+        if (!filled.properties.emplace(name, std::move(property)).second) {
           throw twice(child, name, document);
         }
       } else {
@@ -287,7 +289,7 @@ class Reader {
           throw invalid_input(fmt::format("{}: the id {} is another one's already",
                                           part.plugin->place, in_quotes(id)));
         }
-        to.children.push_back(part);
+        filled.children.push_back(part);
       }
     }
   }
@@ -298,13 +300,13 @@ class Reader {
                                      printable(node.name()), in_quotes(name)));
   }
 
-  void include(MitsubaPlugin& to, const fs::path& path, int depth) {
+  void include(MitsubaPlugin& plugin, const fs::path& path, int depth) {
     const std::unique_ptr<Document> document = parse(path);
     const pugi::xml_node root = document->xml.first_child();
     if (std::string(root.name()) == "scene") {
-      fill(to, root, *document, depth + 1);
+      fill(plugin, root, *document, depth + 1);
     } else {
-      fill(to, document->xml, *document, depth + 1);
+      fill(plugin, document->xml, *document, depth + 1);
     }
   }
 
@@ -325,19 +327,19 @@ class Reader {
   }
 
   // Depth of what a plugin refers to: each is visited once, so that few bytes take little time.
-  int check_depth(const MitsubaPlugin& of) {
-    const auto [known, is_new] = depths_.emplace(&of, kInWork);
+  int check_depth(const MitsubaPlugin& plugin) {
+    const auto [known, is_new] = depths_.emplace(&plugin, kInWork);
     if (!is_new && known->second != kInWork) return known->second;
-    if (!is_new) throw invalid_input(of.place + ": refers to itself");
+    if (!is_new) throw invalid_input(plugin.place + ": refers to itself");
     int deepest = 0;
-    for (const MitsubaChild& child : of.children) {
+    for (const MitsubaChild& child : plugin.children) {
       deepest = std::max(deepest, 1 + check_depth(*child.plugin));
     }
     if (deepest > kMaxDepth) {
       throw invalid_input(
-          fmt::format("{}: more than {} references in one another", of.place, kMaxDepth));
+          fmt::format("{}: more than {} references in one another", plugin.place, kMaxDepth));
     }
-    return depths_[&of] = deepest;
+    return depths_[&plugin] = deepest;
   }
 
   static bool is_property(const std::string& tag) {

@@ -51,16 +51,16 @@ std::vector<size_t> different_photographs(std::span<const PredictInput> photogra
   std::vector<size_t> result;
   std::vector<std::vector<double>> signatures;
   for (size_t n = 0; n < photographs.size(); ++n) {
-    const PredictInput& own = photographs[n];
-    signatures.push_back(signature(own.photograph));
+    const PredictInput& input = photographs[n];
+    signatures.push_back(signature(input.photograph));
     const auto same = std::ranges::find_if(result, [&](size_t i) {
       const PredictInput& other = photographs[i];
-      if (other.photograph.pixels == own.photograph.pixels &&
-          other.photograph.mask == own.photograph.mask) {
+      if (other.photograph.pixels == input.photograph.pixels &&
+          other.photograph.mask == input.photograph.mask) {
         throw invalid_input(
             fmt::format("{} and {} are the same photograph: of one material, photographs in other "
                         "light or from other sides say more; the same one twice says nothing",
-                        other.name, own.name));
+                        other.name, input.name));
       }
       return difference(signatures[i], signatures[n]) < kNearlySame;
     });
@@ -68,7 +68,7 @@ std::vector<size_t> different_photographs(std::span<const PredictInput> photogra
       result.push_back(n);
     } else {
       told.push_back(fmt::format("{} is nearly the same photograph as {}, and does not count",
-                                 own.name, photographs[*same].name));
+                                 input.name, photographs[*same].name));
     }
   }
   return result;

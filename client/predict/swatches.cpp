@@ -17,9 +17,8 @@
 #include "common/geometry/mesh.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
+#include "common/scene/mesh_builder.h"
 #include "common/scene/scene_bytes.h"
-#include "server/scene_compiler/mesh_builder.h"
-#include "server/scene_compiler/scene_builder.h"
 
 namespace itn {
 namespace {
@@ -57,14 +56,6 @@ std::vector<float> interleaved(Channels channels) {
     for (size_t p = 0; p < plane.size(); ++p) result[p * channels.size() + c] = plane[p];
   }
   return result;
-}
-
-// The longest side of the object as it lies before it is turned, in mm.
-double longest_side(const v1::Scene& scene) {
-  tracer::SceneDescription description;
-  MeshBuilder(RenderLimits().max_triangles)
-      .build_object("scene.object.mesh", scene.object().mesh(), nullptr, description);
-  return longest_side(bounds(description.object));
 }
 
 // --- Swatches ---
@@ -168,7 +159,7 @@ std::vector<float> rerendered(RenderPool& pool, v1::Scene scene, const PredictIn
   film.set_height(static_cast<uint32_t>(scaled(height)));
   const Square frame{scaled(square.left), scaled(square.top), std::max(side, scaled(square.side))};
   const double pixels_in_one = std::pow(static_cast<double>(frame.side) / side, 2);
-  const double length = longest_side(scene);
+  const double length = unposed_size("scene.object", scene.object());
   std::vector<Material> as_large(materials.begin(), materials.end());
   for (Material& material : as_large) material.sigma_t /= length;
   const auto samples = static_cast<uint32_t>(std::ceil(spp / pixels_in_one));

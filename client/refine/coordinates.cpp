@@ -72,21 +72,22 @@ double exposure_at(const Vector& coordinates, const Layout& layout) {
 Linearization linearize(const Vector& coordinates, const Layout& layout) {
   const Jacobian j = jacobian(v1::UNBOUNDED, material_part(coordinates), kG);
   const Eigen::Index n = layout.exposure();
-  Linearization at{.jacobian = Matrix::Zero(n, n),
-                   .exposure = exposure_at(coordinates, layout),
-                   .exposure_is_coordinate = layout.has_exposure,
-                   .disturbances = {}};
+  Linearization linearization{.jacobian = Matrix::Zero(n, n),
+                              .exposure = exposure_at(coordinates, layout),
+                              .exposure_is_coordinate = layout.has_exposure,
+                              .disturbances = {}};
   for (size_t i = 0; i < 3; ++i) {
-    for (size_t c = 0; c < 3; ++c) at.jacobian(i, c) = j[i][c];
+    for (size_t c = 0; c < 3; ++c) linearization.jacobian(i, c) = j[i][c];
   }
   for (size_t i = 0; i < layout.unknowns.size(); ++i) {
     const double value = unknown_at(coordinates, layout, i);
-    at.jacobian(layout.unknown(i), layout.unknown(i)) = layout.unknowns[i].range.slope(value);
+    linearization.jacobian(layout.unknown(i), layout.unknown(i)) =
+        layout.unknowns[i].range.slope(value);
   }
   for (size_t i = 0; i < layout.disturbances; ++i) {
-    at.disturbances.push_back(coordinates[layout.disturbance(i)]);
+    linearization.disturbances.push_back(coordinates[layout.disturbance(i)]);
   }
-  return at;
+  return linearization;
 }
 
 Matrix physical_jacobian(const Vector& coordinates, const Layout& layout) {

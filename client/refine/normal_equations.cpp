@@ -238,7 +238,7 @@ std::vector<double> ImageEquations::smoothed(const std::vector<double>& values) 
 double ImageEquations::exposure(const Render& render) {
   if (pixels_.empty()) choose_pixels(render.mask);
   double of_image = 0, of_render = 0;
-  for (const tracer::RenderEstimate& estimate : render.estimates) {
+  for (const RenderEstimate& estimate : render.estimates) {
     for (size_t i = 0; i < pixels_.size(); ++i) {
       of_image += image_[i];
       of_render += estimate.radiance[pixels_[i]];
@@ -247,7 +247,7 @@ double ImageEquations::exposure(const Render& render) {
   return of_render > 0 ? of_image / of_render : 1;
 }
 
-ImageEquations::Estimate ImageEquations::estimate_of(const tracer::RenderEstimate& render,
+ImageEquations::Estimate ImageEquations::estimate_of(const RenderEstimate& render,
                                                      const Linearization& at,
                                                      const Plane& factors) const {
   Estimate estimate;
@@ -311,7 +311,7 @@ ImageEquations::Residuals ImageEquations::evaluate(const Render& render, uint32_
   const size_t coordinates = at.coordinates(), count = pixels_.size();
   const Plane factors = disturbed(at.disturbances);
   std::vector<Estimate> estimates;
-  for (const tracer::RenderEstimate& one : render.estimates) {
+  for (const RenderEstimate& one : render.estimates) {
     estimates.push_back(estimate_of(one, at, factors));
   }
   const auto k_count = static_cast<double>(estimates.size());

@@ -174,7 +174,7 @@ class ImageEquations {
     std::vector<std::vector<double>> derivatives;
   };
   // `factors`: of what disturbs the image, by pixel.
-  Estimate estimate_of(const tracer::RenderEstimate& render, const Linearization& at,
+  Estimate estimate_of(const RenderEstimate& render, const Linearization& at,
                        const std::vector<double>& factors) const;
   // By coordinate, of what was seen before and of the other estimates, which are so large a part of
   // all. `residuals` has the means of all estimates.

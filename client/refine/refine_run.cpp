@@ -110,7 +110,7 @@ PanelRow panels_of(const Observation& observation, const Render& fit, double exp
     const bool counts =
         fit.mask[p] > 0.5F && (observation.mask.empty() || observation.mask[p] > 0.5F);
     double mean = 0;
-    for (const tracer::RenderEstimate& estimate : fit.estimates) {
+    for (const RenderEstimate& estimate : fit.estimates) {
       mean += estimate.radiance[p] / static_cast<double>(fit.estimates.size());
     }
     image.push_back(counts ? observation.radiance[p] : 0);

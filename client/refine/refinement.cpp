@@ -11,6 +11,7 @@
 #include "client/refine/refine_result.h"
 #include "common/error.h"
 #include "common/random.h"
+#include "common/render_limits.h"
 #include "common/rpc/wire_array.h"
 
 namespace itn {
@@ -20,16 +21,16 @@ namespace {
 constexpr uint32_t kScoutIterations = 4;
 // Losses that differ by fewer standard errors than this are one as good as the other.
 constexpr double kSameLoss = 2;
-constexpr uint32_t kMinSpp = 4, kMaxSpp = 1U << 20;
+constexpr uint32_t kMinSpp = 4;
 
 void check(const v1::RefineSettings& settings) {
   const auto require = [](bool right, const std::string& message) {
     if (!right) throw invalid_input(message);
   };
-  require(settings.spp() >= kMinSpp && settings.max_spp() <= kMaxSpp &&
+  require(settings.spp() >= kMinSpp && settings.max_spp() <= kMaxSamples &&
               settings.spp() <= settings.max_spp(),
           fmt::format("spp {} and max_spp {} must be in [{}, {}], the second at least the first",
-                      settings.spp(), settings.max_spp(), kMinSpp, kMaxSpp));
+                      settings.spp(), settings.max_spp(), kMinSpp, kMaxSamples));
   require(settings.time_limit() >= 0, "time_limit must be at least 0");
   require(settings.tolerance() >= 0 && settings.tolerance() <= 1, "tolerance must be in [0, 1]");
   require(settings.learning_rate() > 0 && std::isfinite(settings.learning_rate()),

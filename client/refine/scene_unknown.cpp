@@ -6,8 +6,7 @@
 #include <cmath>
 
 #include "common/error.h"
-#include "server/scene_compiler/scene_builder.h"
-#include "server/tracer/scene/value.h"
+#include "server/renderer.h"
 
 namespace itn {
 namespace {
@@ -16,14 +15,14 @@ Error none_of(const std::string& name, const std::string& why) {
   return invalid_input(fmt::format("{} cannot be refined: {}", name, why));
 }
 
-tracer::ParameterValue value_in(const tracer::SceneDescription& scene, const std::string& name) {
-  const tracer::Parameter parameter = tracer::parameter_named(name);
-  if (parameter.kind == tracer::Parameter::kLightScale) {
+SceneNumber value_in(const SceneNumbers& scene, const std::string& name) {
+  const bool is_of_scene = !is_of_medium(name);
+  if (is_of_scene && name.starts_with("light[") && name.ends_with("].scale")) {
     throw none_of(name,
                   "a scene file has no scale of a light; --exposure unknown finds one of all");
   }
   try {
-    return value_of(scene, parameter);
+    return scene.number(name);
   } catch (const Error& error) {
     throw none_of(name, error.what());
   }
@@ -31,8 +30,8 @@ tracer::ParameterValue value_in(const tracer::SceneDescription& scene, const std
 
 // That of a coordinate: as far from where it is, on either side, as its vector is long. What is
 // known is not many standard deviations away.
-LogitScale range_of(const tracer::ParameterValue& value, const std::string& name,
-                    const tracer::SceneDescription& scene, std::optional<double> deviation) {
+LogitScale range_of(const SceneNumber& value, const std::string& name, const SceneNumbers& scene,
+                    std::optional<double> deviation) {
   constexpr double kMany = 8;
   if (deviation) {
     const auto inside = [&](double place) { return std::clamp(place, value.low, value.high); };
@@ -53,13 +52,12 @@ LogitScale range_of(const tracer::ParameterValue& value, const std::string& name
 std::vector<SceneUnknown> scene_unknowns(std::span<const std::string> names,
                                          std::span<const v1::Scene> scenes,
                                          const std::map<std::string, double>& deviations) {
-  std::vector<tracer::SceneDescription> descriptions;
-  for (const v1::Scene& scene : scenes) descriptions.push_back(build_scene(scene, {}));
+  const std::vector<SceneNumbers> numbers(scenes.begin(), scenes.end());
   std::vector<SceneUnknown> unknowns;
   for (const std::string& name : names) {
     if (std::ranges::count(names, name) > 1) throw none_of(name, "it is asked for twice");
-    const tracer::ParameterValue start = value_in(descriptions.front(), name);
-    for (const tracer::SceneDescription& other : descriptions) {
+    const SceneNumber start = value_in(numbers.front(), name);
+    for (const SceneNumbers& other : numbers) {
       const double value = value_in(other, name).value;
       if (value == start.value) continue;
       throw none_of(name, fmt::format("it is {:g} in the first scene and {:g} in another; it must "
@@ -71,7 +69,7 @@ std::vector<SceneUnknown> scene_unknowns(std::span<const std::string> names,
         known == deviations.end() ? std::nullopt : std::optional(known->second);
     unknowns.push_back({.name = name,
                         .start = start.value,
-                        .range = range_of(start, name, descriptions.front(), deviation),
+                        .range = range_of(start, name, numbers.front(), deviation),
                         .deviation = deviation});
   }
   return unknowns;

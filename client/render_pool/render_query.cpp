@@ -31,7 +31,7 @@ RenderJob job_of(const RenderQuery& query) {
 Render render_of(const v1::RenderGradReply& reply) {
   Render render;
   for (const v1::Estimate& estimate : reply.estimates()) {
-    tracer::RenderEstimate& to = render.estimates.emplace_back();
+    RenderEstimate& to = render.estimates.emplace_back();
     to.radiance = from_bytes<float>(estimate.radiance());
     for (const std::string& derivative : estimate.derivatives()) {
       to.derivatives.push_back(from_bytes<float>(derivative));

@@ -14,9 +14,9 @@
 
 #include "client/render_pool/render_job.h"
 #include "common/material.h"
+#include "common/render_estimate.h"
 #include "common/scene/scene_bytes.h"
 #include "itn/v1/render.pb.h"
-#include "server/tracer/film/weighted_image_loss.h"
 
 namespace itn {
 
@@ -54,9 +54,9 @@ struct RenderQuery {
 RenderJob job_of(const RenderQuery& query);
 
 struct Render {
-  std::vector<tracer::RenderEstimate> estimates;
+  std::vector<RenderEstimate> estimates;
   std::vector<float> mask;  // part of each pixel that the object covers
-  tracer::LossWithGradient loss;
+  LossWithGradient loss;
   double cpu_seconds = 0;
 };
 

@@ -127,14 +127,14 @@ void add_samples(const v1::RenderGradReply& further, uint32_t further_spp,
   }
   average(further.mask(), further_spp, *reply.mutable_mask(), spp);
   for (uint32_t k = 0; k < estimates; ++k) {
-    const double n = tracer::samples_of_estimate(spp, k, estimates);
-    const double further_n = tracer::samples_of_estimate(further_spp, k, estimates);
-    v1::Estimate& to = *reply.mutable_estimates(static_cast<int>(k));
+    const double n = samples_of_estimate(spp, k, estimates);
+    const double further_n = samples_of_estimate(further_spp, k, estimates);
+    v1::Estimate& estimate = *reply.mutable_estimates(static_cast<int>(k));
     const v1::Estimate& from = further.estimates(static_cast<int>(k));
-    average(from.radiance(), further_n, *to.mutable_radiance(), n);
-    average(from.derivatives(), further_n, *to.mutable_derivatives(), n);
-    average(from.at_albedos(), further_n, *to.mutable_at_albedos(), n);
-    average(from.colours(), further_n, *to.mutable_colours(), n);
+    average(from.radiance(), further_n, *estimate.mutable_radiance(), n);
+    average(from.derivatives(), further_n, *estimate.mutable_derivatives(), n);
+    average(from.at_albedos(), further_n, *estimate.mutable_at_albedos(), n);
+    average(from.colours(), further_n, *estimate.mutable_colours(), n);
   }
   add_counters(further.counters(), *reply.mutable_counters());
 }

@@ -9,7 +9,7 @@
 
 #include "client/render_pool/tiles.h"
 #include "common/error.h"
-#include "server/scene_compiler/derivatives.h"
+#include "common/scene/derivative_count.h"
 
 namespace itn {
 namespace {

@@ -9,9 +9,9 @@
 
 #include <fmt/format.h>
 
+#include "common/render_estimate.h"
 #include "common/rpc/wire_array.h"
 #include "itn/v1/render.pb.h"
-#include "server/tracer/film/film.h"
 
 namespace itn {
 
@@ -23,7 +23,7 @@ std::vector<float> mean_of_estimates(const v1::RenderGradReply& reply, uint32_t 
   const uint32_t estimates = static_cast<uint32_t>(reply.estimates_size());
   std::vector<double> sum(size_t{reply.width()} * reply.height());
   for (uint32_t k = 0; k < estimates; ++k) {
-    const uint32_t samples = tracer::samples_of_estimate(spp, k, estimates);
+    const uint32_t samples = samples_of_estimate(spp, k, estimates);
     const std::vector<float> image =
         from_bytes<float>(image_of(reply.estimates(static_cast<int>(k))));
     for (size_t i = 0; i < sum.size(); ++i) sum[i] += static_cast<double>(samples) / spp * image[i];

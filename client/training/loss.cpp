@@ -66,7 +66,7 @@ LossTerm RerenderingLoss::evaluate(const Batch& batch, const torch::Tensor& outp
                        .image = images.back(),
                        .weight = weights.back()});
   }
-  const std::vector<tracer::LossWithGradient> losses = rerendering_(queries);
+  const std::vector<LossWithGradient> losses = rerendering_(queries);
   // Carry the gradients back to the outputs.
   LossTerm term;
   term.gradient = torch::zeros_like(outputs);

@@ -17,7 +17,7 @@ RerenderingEvaluator pool_rerendering(RenderPool& pool, const RerenderingSetting
       query.derivatives.assign(kMaterialParameters.begin(), kMaterialParameters.end());
       replies.push_back(pool.submit(job_of(query)));
     }
-    std::vector<tracer::LossWithGradient> losses;
+    std::vector<LossWithGradient> losses;
     for (auto& future : replies) {
       losses.push_back(render_of(wait_for_render(future, stop)).loss);
     }

@@ -15,7 +15,7 @@ namespace itn {
 // For each query, which has an image and weights, an unbiased estimate of the loss and of its
 // gradient in (sigma_t, albedo, g). May throw Error.
 using RerenderingEvaluator =
-    std::function<std::vector<tracer::LossWithGradient>(std::span<const RenderQuery>)>;
+    std::function<std::vector<LossWithGradient>(std::span<const RenderQuery>)>;
 
 struct RerenderingSettings {
   uint32_t spp = 256;      // samples per pixel, over all estimates

@@ -22,16 +22,16 @@ double determinant(const Jacobian& j) {
 // reduced coordinates, their density times the volume that the change of coordinates makes.
 Material mean_of_similar(const Material& material, const v1::MaterialChoice& materials) {
   const v1::Interval range = range_of(materials.g());
-  MaterialCoordinates at = to_coordinates(v1::SIMILARITY, material);
+  MaterialCoordinates coordinates = to_coordinates(v1::SIMILARITY, material);
   Material sum{.sigma_t = 0, .albedo = 0, .g = 0};
   double weights = 0;
   for (int i = 0; i < kSteps; ++i) {
-    at[2] = range.min() + (range.max() - range.min()) * (i + 0.5) / kSteps;
-    const Material similar = from_coordinates(v1::SIMILARITY, at);
+    coordinates[2] = range.min() + (range.max() - range.min()) * (i + 0.5) / kSteps;
+    const Material similar = from_coordinates(v1::SIMILARITY, coordinates);
     const double weight = density(materials.sigma_t(), similar.sigma_t) *
                           density(materials.albedo(), similar.albedo) *
                           density(materials.g(), similar.g) *
-                          std::abs(determinant(jacobian(v1::SIMILARITY, at)));
+                          std::abs(determinant(jacobian(v1::SIMILARITY, coordinates)));
     sum.sigma_t += weight * similar.sigma_t;
     sum.albedo += weight * similar.albedo;
     sum.g += weight * similar.g;

@@ -201,20 +201,20 @@ class Parts {
       return;
     }
     const double fraction = above / (above - below);
-    const Vec3d at = p + (q - p) * fraction;
+    const Vec3d meeting = p + (q - p) * fraction;
     double within = std::numeric_limits<double>::infinity();  // of the other's edges, in mm
     for (size_t i = 0; i < 3; ++i) {
       const Vec3d a = corners[i], side = corners[(i + 1) % 3] - a;
-      within = std::min(within, dot(cross(side, at - a), normal) / length(side));
+      within = std::min(within, dot(cross(side, meeting - a), normal) / length(side));
     }
-    if (within > rounding_) throw overlap(at);
+    if (within > rounding_) throw overlap(meeting);
     if (within >= -rounding_) {
       constexpr double kBeside = 1e-3;
       const double aside = kBeside * std::min(fraction, 1 - fraction);
       for (const double along : {-aside, aside}) {
-        const Vec3d beside = at + (q - p) * along;
+        const Vec3d beside = meeting + (q - p) * along;
         const Vec3d on_triangle = beside + (vertex(from[(k + 2) % 3]) - beside) * (0.1 * aside);
-        if (others_around(t, on_triangle) != expected_around(t)) throw overlap(at);
+        if (others_around(t, on_triangle) != expected_around(t)) throw overlap(meeting);
       }
     }
   }
@@ -247,12 +247,12 @@ class Parts {
            vertex(triangle[2]) * 0.3024;
   }
 
-  int others_around(uint32_t t, Vec3d at, Vec3d direction) {
+  int others_around(uint32_t t, Vec3d place, Vec3d direction) {
     const Triangle& triangle = mesh_.triangles[t];
     const Vec3d a = vertex(triangle[0]);
     const Vec3d normal =
         normalized_or_zero(cross(vertex(triangle[1]) - a, vertex(triangle[2]) - a));
-    const Vec3d p = at - normal * (2 * double{rounding_});
+    const Vec3d p = place - normal * (2 * double{rounding_});
     const Vec3d inverse{1 / direction.x, 1 / direction.y, 1 / direction.z};
     int sum = 0;
     pending_.assign(1, 0);

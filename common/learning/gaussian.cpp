@@ -71,12 +71,12 @@ double covariance(const std::vector<double>& a, double mean_a, const std::vector
 
 // The quantile of values in any order, between the two that are nearest.
 double quantile(std::vector<double> values, double probability) {
-  const double at = probability * static_cast<double>(values.size()) - 0.5;
-  const auto below = static_cast<ptrdiff_t>(at);
+  const double place = probability * static_cast<double>(values.size()) - 0.5;
+  const auto below = static_cast<ptrdiff_t>(place);
   std::nth_element(values.begin(), values.begin() + below, values.end());
   const double low = values[static_cast<size_t>(below)];
   const double high = *std::min_element(values.begin() + below + 1, values.end());
-  return std::lerp(low, high, at - static_cast<double>(below));
+  return std::lerp(low, high, place - static_cast<double>(below));
 }
 
 JointPosterior describe(const Samples& samples) {

@@ -87,17 +87,17 @@ class Statistics {
     std::vector<double> result;
     for (int64_t y = distance; y + distance < side_; ++y) {
       for (int64_t x = distance; x + distance < side_; ++x) {
-        const int64_t at = y * side_ + x;
-        const std::array<int64_t, 4> around{at - distance, at + distance, at - distance * side_,
-                                            at + distance * side_};
-        if (mask_[at] <= kOnObject ||
+        const int64_t pixel = y * side_ + x;
+        const std::array<int64_t, 4> around{pixel - distance, pixel + distance,
+                                            pixel - distance * side_, pixel + distance * side_};
+        if (mask_[pixel] <= kOnObject ||
             std::ranges::any_of(around, [this](int64_t i) { return mask_[i] <= kOnObject; })) {
           continue;
         }
         double neighbours = 0;
         for (const int64_t i : around) neighbours += luminance_[i];
-        const double mean = (neighbours + luminance_[at]) / 5;
-        result.push_back(mean > 0 ? std::abs(luminance_[at] - neighbours / 4) / mean : 0);
+        const double mean = (neighbours + luminance_[pixel]) / 5;
+        result.push_back(mean > 0 ? std::abs(luminance_[pixel] - neighbours / 4) / mean : 0);
       }
     }
     return result;

@@ -55,12 +55,12 @@ void require_shape(const v1::Tensor& tensor, const TensorShape& expected) {
 }
 
 void require_finite(const v1::Tensor& tensor) {
-  for (size_t at = 0; at < tensor.data().size(); at += sizeof(float)) {
+  for (size_t begin = 0; begin < tensor.data().size(); begin += sizeof(float)) {
     float value = 0;
-    std::memcpy(&value, tensor.data().data() + at, sizeof value);
+    std::memcpy(&value, tensor.data().data() + begin, sizeof value);
     if (!std::isfinite(value)) {
       throw invalid_input(fmt::format("the tensor {} holds {} as its value number {}",
-                                      tensor.name(), value, at / sizeof(float)));
+                                      tensor.name(), value, begin / sizeof(float)));
     }
   }
 }

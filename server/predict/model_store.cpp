@@ -200,15 +200,15 @@ void ModelStore::load(Slot& slot) const {
   slot.failed = true;
   auto predictor = std::make_shared<const Predictor>(Predictor::load(slot.path));
   check_answers_with_numbers(*predictor, slot.path);
-  const v1::ModelVersion& own = predictor->version();
-  if (slot.name.empty()) slot.name = own.name();
+  const v1::ModelVersion& version = predictor->version();
+  if (slot.name.empty()) slot.name = version.name();
   slot.served = {.name = slot.name,
-                 .version = slot.version.value_or(own.version()),
+                 .version = slot.version.value_or(version.version()),
                  .title = card_title(slot.path),
                  .predictor = std::move(predictor)};
   slot.failed = false;
-  spdlog::info("model {}: {}, weights {:.12}, from {}", label(*slot.served), itn::name(own),
-               own.sha256(), slot.path.string());
+  spdlog::info("model {}: {}, weights {:.12}, from {}", label(*slot.served), itn::name(version),
+               version.sha256(), slot.path.string());
 }
 
 void ModelStore::look_into_folder() {

@@ -7,15 +7,14 @@
 
 #include "common/error.h"
 #include "common/rpc/wire_array.h"
-#include "server/tracer/film/weighted_image_loss.h"
+#include "server/render/weighted_image_loss.h"
 
 namespace itn {
 namespace {
 
 // In double, as the terms may cancel; a zero weight leaves its image out, so that an asked
 // coordinate is returned as it is.
-std::vector<float> combine(const tracer::RenderedImages::Estimate& estimate,
-                           const std::vector<double>& weights) {
+std::vector<float> combine(const RenderEstimate& estimate, const std::vector<double>& weights) {
   std::vector<double> sum(estimate.radiance.size());
   for (size_t c = 0; c < weights.size(); ++c) {
     if (weights[c] == 0) continue;
@@ -50,9 +49,9 @@ std::string image_bytes(const std::vector<float>& image) {
 // The loss of the image as it would be sent: 0 at the pixels that are not rendered.
 void fill_loss(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
                const DerivativeWeights& derivative_weights, v1::RenderGradReply& reply) {
-  const tracer::LossWithGradient loss = tracer::weighted_image_loss(
-      from_bytes<float>(request.loss().image()), from_bytes<float>(request.loss().weight()),
-      tracer::means(sums).estimates);
+  const LossWithGradient loss = weighted_image_loss(from_bytes<float>(request.loss().image()),
+                                                    from_bytes<float>(request.loss().weight()),
+                                                    tracer::means(sums).estimates);
   reply.set_loss(finite(loss.value));
   for (const std::vector<double>& weights : derivative_weights) {
     reply.add_loss_gradient(finite(combined(loss.gradient, weights)));

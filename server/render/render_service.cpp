@@ -14,8 +14,8 @@
 #include "common/rpc/wire_array.h"
 #include "common/scene/scene_bytes.h"
 #include "server/render/render_reply.h"
+#include "server/render/weighted_image_loss.h"
 #include "server/rpc/wire_check.h"
-#include "server/tracer/film/weighted_image_loss.h"
 #include "server/tracer/scene/value.h"
 
 namespace itn {
@@ -77,7 +77,7 @@ class RenderService::RenderCall final : public QueuedCall {
     memory().resize(request_bytes_ + film_memory(pixels, request_, built_.asked, gradient_numbers),
                     service_.cache_.excess_of(*scene));
     if (request_.has_loss() && built_.asked.pilot_spp > 0) {
-      built_.asked.sampling_weights = tracer::loss_sampling_weights(
+      built_.asked.sampling_weights = loss_sampling_weights(
           from_bytes<float>(request_.loss().image()), from_bytes<float>(request_.loss().weight()));
     }
     phase_ = Phase::kRender;

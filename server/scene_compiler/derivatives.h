@@ -1,9 +1,7 @@
 // The derivatives that a request asks for, in terms of those that the tracer accumulates.
 #pragma once
 
-#include <algorithm>
 #include <array>
-#include <cstdint>
 #include <span>
 #include <string>
 #include <variant>
@@ -22,17 +20,6 @@ struct Derivatives {
   std::vector<tracer::Parameter> parameters;  // no more than are needed
   DerivativeWeights weights;
 };
-
-// How many a request asks for.
-inline int derivative_count(const v1::RenderGradRequest& request) {
-  return request.derivatives_size() + request.scene_derivatives_size() + request.parameters_size();
-}
-
-// The number of images of them that are answered.
-inline uint64_t derivative_images(const v1::RenderGradRequest& request) {
-  const int images = request.has_loss() || request.has_gradient() ? 0 : derivative_count(request);
-  return static_cast<uint64_t>(images) * std::max(request.colours_size(), 1);
-}
 
 // Weights (w_t, w_a, w_g) with which the derivatives in sigma_t, albedo and g add up to the
 // derivative in `parameter`. Throws Error (invalid input) for PARAMETER_UNSPECIFIED or an unknown

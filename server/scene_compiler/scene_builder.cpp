@@ -6,11 +6,11 @@
 #include "common/error.h"
 #include "common/part_cache.h"
 #include "common/scene/field_check.h"
-#include "common/scene/material_proto.h"
+#include "common/scene/mesh_builder.h"
 #include "common/scene/scene_bytes.h"
 #include "server/rpc/wire_check.h"
 #include "server/scene_compiler/field_reader.h"
-#include "server/scene_compiler/mesh_builder.h"
+#include "server/scene_compiler/object_builder.h"
 
 namespace itn {
 namespace {
@@ -44,29 +44,6 @@ void check_required(const v1::Scene& scene) {
   if (!scene.has_camera()) throw missing("scene.camera");
   if (!scene.has_film()) throw missing("scene.film");
   integer_in("the number of scene.lights", scene.lights_size(), 1, kMaxLights);
-}
-
-tracer::Boundary build_boundary(const std::string& field, const v1::Object& proto) {
-  if (set_field(proto, "refraction") == nullptr) return tracer::IndexMatched{};
-  return read_kind<tracer::Boundary>(field, proto, "refraction");
-}
-
-tracer::OtherObject build_other_object(const std::string& field, const v1::Object& proto,
-                                       MeshBuilder& meshes) {
-  if (proto.has_medium()) {
-    throw invalid_input(field + " has a medium; a worker needs its material instead");
-  }
-  if (proto.material().empty()) throw missing(field + ".material");
-  if (proto.material_size() > 1) {
-    throw invalid_input(
-        fmt::format("{} has {} materials; a worker needs one, of the channel that "
-                    "the film shows",
-                    field, proto.material_size()));
-  }
-  const Material material = from_proto(proto.material(0));
-  validate(material, field + ".material");
-  return {meshes.build(field + ".mesh", proto.mesh()), material, build_boundary(field, proto),
-          build_smooth_angle(field, double{proto.smooth_angle_degrees()})};
 }
 
 tracer::CameraDescription build_camera(const v1::Camera& proto) {
@@ -146,7 +123,7 @@ tracer::Rgb build_light_colour(const std::string& field, const v1::Light& proto)
   reader.number("red", rgb[0], 0, 1e6);
   reader.number("green", rgb[1], 0, 1e6);
   reader.number("blue", rgb[2], 0, 1e6);
-  if (!(tracer::luminance(rgb) > 0)) {
+  if (!(luminance(rgb) > 0)) {
     throw invalid_input(field + ".color: red, green and blue are 0; one of them must shine");
   }
   return rgb;
@@ -170,17 +147,14 @@ tracer::SceneDescription build_scene(const v1::Scene& scene, const RenderLimits&
   description.film = build_film(scene.film(), limits.max_pixels);
   description.camera = build_camera(scene.camera());
   MeshBuilder meshes(limits.max_triangles, stop);
-  meshes.build_object("scene.object.mesh", scene.object().mesh(), parts, description);
-  description.boundary = build_boundary("scene.object", scene.object());
-  description.smooth_angle =
-      build_smooth_angle("scene.object", scene.object().smooth_angle_degrees());
+  build_object("scene.object", scene.object(), meshes, parts, description);
   for (int i = 0; i < scene.other_objects_size(); ++i) {
     description.other_objects.push_back(
         build_other_object(other_object(i), scene.other_objects(i), meshes));
   }
   for (int i = 0; i < scene.surfaces_size(); ++i) {
     description.surfaces.push_back(
-        meshes.build_surface(fmt::format("scene.surfaces[{}]", i), scene.surfaces(i)));
+        build_surface(fmt::format("scene.surfaces[{}]", i), scene.surfaces(i), meshes));
   }
   if (parts != nullptr) {
     description.other_objects_digest = digest_of(scene.other_objects());

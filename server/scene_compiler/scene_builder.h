@@ -6,8 +6,9 @@
 #include <cstdint>
 #include <string>
 
+#include "common/part_cache.h"
+#include "common/render_limits.h"
 #include "itn/v1/scene.pb.h"
-#include "server/tracer/request/request.h"
 #include "server/tracer/scene/scene.h"
 
 namespace itn {
@@ -15,7 +16,7 @@ namespace itn {
 // What one request may ask for; reported by GetCapabilities.
 struct RenderLimits {
   uint64_t max_pixels = uint64_t{1} << 24;
-  uint32_t max_spp = tracer::kMaxSamples;
+  uint32_t max_spp = kMaxSamples;
   uint64_t max_triangles = 10'000'000;  // of all meshes of a scene together
   // The largest request or reply. Protocol buffers end at 2 GiB.
   uint64_t max_message_bytes = uint64_t{2047} << 20;

@@ -374,7 +374,7 @@ class Itn:
         return self.u_statistic(reply), reply.counters.cpu_seconds
 
     def u_statistic(self, reply):
-        """The gradient from products of independent estimates only: server/tracer/film/weighted_image_loss.h."""
+        """The gradient from products of independent estimates only: server/render/weighted_image_loss.h."""
         difference = np.array([self.on_object(reply, e.radiance) for e in reply.estimates])
         difference -= self.target.image[self.target.on_object]
         derivative = np.array([[self.on_object(reply, d) for d in e.derivatives]

@@ -156,7 +156,7 @@ class Bench {
                          .weight = weight});
     }
     std::vector<MaterialCoordinates> result;
-    for (const tracer::LossWithGradient& loss : term(queries)) {
+    for (const LossWithGradient& loss : term(queries)) {
       result.push_back(space_.output_gradient(
           answers_[i].output, {loss.gradient[0], loss.gradient[1], loss.gradient[2]}));
     }

@@ -31,9 +31,9 @@
 #include "common/scene/scene_bytes.h"
 #include "server/render/render_reply.h"
 #include "server/render/scene_cache.h"
+#include "server/render/weighted_image_loss.h"
 #include "server/scene_compiler/request_builder.h"
 #include "server/scene_compiler/scene_builder.h"
-#include "server/tracer/film/weighted_image_loss.h"
 #include "server/tracer/render.h"
 #include "server/tracer/scene/compiled_scene.h"
 #include "tests/bench/tracer_bits.h"
@@ -149,7 +149,7 @@ struct Target {
   std::vector<float> image, weight, sampling_weights;
 };
 
-// The terms of the loss gradient, by pixel (see server/tracer/film/weighted_image_loss.h).
+// The terms of the loss gradient, by pixel (see server/render/weighted_image_loss.h).
 std::vector<double> gradient_terms(const RenderedImages& images, const Target& target,
                                    size_t coordinate) {
   const auto count = static_cast<double>(images.estimates.size());
@@ -190,7 +190,7 @@ Target make_target(const Scene& scene, const Material& material, int resolution)
   const RenderedImages images = means(render_grad(scene, request));
   Target target{images.estimates[0].radiance, {}, {}};
   target.weight = weight_map(resolution, resolution, target.image, images.mask);
-  target.sampling_weights = tracer::loss_sampling_weights(target.image, target.weight);
+  target.sampling_weights = loss_sampling_weights(target.image, target.weight);
   return target;
 }
 

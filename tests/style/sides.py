@@ -11,6 +11,8 @@ ONE_SIDED = {
     "common/part_cache.cpp": "it is of part_cache.h",
 }
 SIDES = ("server", "client")
+# All that the client knows of the server: rendering inside the program.
+DOORS = ("server/renderer.h", "server/render/render_server.h")
 
 includes = {}
 for side in ("common", *SIDES):
@@ -40,5 +42,8 @@ faults += [f"tests/style/sides.py: both sides reach {file}, or none" for file in
 for file, included in includes.items():
     below = ("server/", "client/") if file.startswith("common/") else ("client/",) if file.startswith("server/") else ()
     faults += [f"{file}: it must not include {other}" for other in included if other.startswith(below)]
+    if file.startswith("client/"):
+        faults += [f"{file}: what clients may ask of the server is in {' and '.join(DOORS)}, not in {other}"
+                   for other in included if other.startswith("server/") and other not in DOORS]
 print("\n".join(faults))
 sys.exit(1 if faults else 0)

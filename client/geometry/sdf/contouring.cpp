@@ -403,8 +403,8 @@ class Contouring {
   void place_vertices() {
     first_vertex_.assign(distances_.size(), 0);
     sheets_.assign(distances_.size(), 0);
-    for_all({nodes_.x - 1, nodes_.y - 1, nodes_.z - 1}, [&](Index3 at) {
-      const uint32_t cell = node(at);
+    for_all({nodes_.x - 1, nodes_.y - 1, nodes_.z - 1}, [&](Index3 cube) {
+      const uint32_t cell = node(cube);
       const uint8_t corners = inside_corners(cell);
       if (corners == 0 || corners == 255) return;
       sheets_[cell] = corners;
@@ -414,7 +414,7 @@ class Contouring {
         for (int edge = 0; edge < 12; ++edge) {
           if (kSheets[corners].of_edge[edge] == sheet) meeting.add(crossing(cell, edge));
         }
-        const Vec3f low = position(at), point = meeting.point(aside(cell));
+        const Vec3f low = position(cube), point = meeting.point(aside(cell));
         mesh_.vertices.push_back(near_cell(low, point, kBeyond));
         safe_.push_back(near_cell(low, point, -kWithin));
       }

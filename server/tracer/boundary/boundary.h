@@ -148,16 +148,17 @@ HWY_INLINE BoundaryValue evaluate_flat(const Boundary& boundary, const Crossing&
 
 // If triangles stand for a smooth surface, a direction that is reflected from the one side of the
 // surface may be on the other side of the triangle. It is mirrored at the triangle then, and so is
-// one that is refracted: no light is lost, and none leaks. So a direction `to` has come about by
+// one that is refracted: no light is lost, and none leaks. So a direction has come about by
 // itself, or as the mirror image of one, or both.
 
 // Nothing of a boundary that is a delta.
-HWY_INLINE BoundaryValue evaluate(const Boundary& boundary, const Crossing& crossing, Vectors to) {
-  if (crossing.flat) return evaluate_flat(boundary, crossing, to);
+HWY_INLINE BoundaryValue evaluate(const Boundary& boundary, const Crossing& crossing,
+                                  Vectors direction) {
+  if (crossing.flat) return evaluate_flat(boundary, crossing, direction);
   const Floats zero = hn::Zero(FloatTag());
-  const Mask reflects = dot(to, crossing.flat_normal) > 0;
+  const Mask reflects = dot(direction, crossing.flat_normal) > 0;
   BoundaryValue sum{zero, zero, {zero}};
-  for (const Vectors from : {to, mirrored(to, crossing.flat_normal)}) {
+  for (const Vectors from : {direction, mirrored(direction, crossing.flat_normal)}) {
     const Mask same = !(reflects ^ (dot(from, crossing.normal) > 0));
     const BoundaryValue part = evaluate_flat(boundary, crossing, from);
     const Floats value = hn::IfThenElseZero(same, part.value);

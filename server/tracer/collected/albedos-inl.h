@@ -28,11 +28,11 @@ class Albedos {
   auto columns() { return std::tie(weights_, radiance_); }
   auto weights() { return std::tie(weights_); }
 
-  HWY_INLINE void on_vertex(const AtVertex& at) {
+  HWY_INLINE void on_vertex(const AtVertex& vertex) {
     for (size_t a = 0; a < weights_.size(); ++a) {
       const Floats albedo = set(static_cast<float>(request_.albedos[a]));
-      const Floats factor = hn::IfThenElse(at.by_albedo, albedo, at.vertices.factor);
-      store(load(weights_[a], at.i) * factor, weights_[a], at.i);
+      const Floats factor = hn::IfThenElse(vertex.by_albedo, albedo, vertex.vertices.factor);
+      store(load(weights_[a], vertex.i) * factor, weights_[a], vertex.i);
     }
   }
 

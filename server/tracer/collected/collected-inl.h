@@ -51,8 +51,8 @@ concept HasWeights = requires(Kind& kind) {
 };
 // It takes the vertices' factors into its weights.
 template <typename Kind>
-concept TakesVertices = requires(Kind& kind, const AtVertex& at) {
-  kind.on_vertex(at);
+concept TakesVertices = requires(Kind& kind, const AtVertex& vertex) {
+  kind.on_vertex(vertex);
 };
 // It takes what a flight makes of scores.
 template <typename Kind>
@@ -159,9 +159,9 @@ struct Collected {
       if constexpr (HasWeights<Kind>) for_each_column(kind.weights(), visit);
     });
   }
-  HWY_INLINE void on_vertex(const AtVertex& at) {
+  HWY_INLINE void on_vertex(const AtVertex& vertex) {
     for_each(*this, [&]<typename Kind>(Kind& kind) {
-      if constexpr (TakesVertices<Kind>) kind.on_vertex(at);
+      if constexpr (TakesVertices<Kind>) kind.on_vertex(vertex);
     });
   }
   HWY_INLINE void on_flight(const Flight& flight) {

@@ -97,15 +97,16 @@ class Colours {
   }
 
   // In each colour, W takes the albedo or the reflectance that is of this colour.
-  HWY_INLINE void on_vertex(const AtVertex& at) {
-    const size_t i = at.i;
-    const Vertices& vertices = at.vertices;
+  HWY_INLINE void on_vertex(const AtVertex& vertex) {
+    const size_t i = vertex.i;
+    const Vertices& vertices = vertex.vertices;
     for (size_t c = 0; c < size(); ++c) {
       Floats factor = hn::IfThenElse(vertices.in_medium, set(media_[c].albedo), vertices.factor);
       for (const Surfaces::Pattern& pattern : scene_.obstacles.surfaces.patterned) {
         factor = hn::IfThenElse(
             among(pattern.triangles, vertices.triangles),
-            reflectance_at(scene_.colour_reflectances[c][pattern.surface], at.position), factor);
+            reflectance_at(scene_.colour_reflectances[c][pattern.surface], vertex.position),
+            factor);
       }
       const Floats weight = load(weight_[c], i);
       store(weight * factor, weight_[c], i);
@@ -135,24 +136,24 @@ class Colours {
   // `light(c)` arrives in colour c after this `length` in the medium, by which it is dimmed
   // already. Returns the luminance of what is collected.
   template <typename LightIn>
-  HWY_INLINE Floats add(const SlotGather& at, Floats length, const LightIn& light,
+  HWY_INLINE Floats add(const SlotGather& path, Floats length, const LightIn& light,
                         const PathScores& scores) {
     Floats luminance = hn::Zero(FloatTag());
     for (size_t c = 0; c < size(); ++c) {
-      const Floats likely_light = light(c) * at.get(likelihood_[c]);
-      const Floats contribution = at.get(weight_[c]) * likely_light;
-      at.add(contribution, radiance_[c]);
+      const Floats likely_light = light(c) * path.get(likelihood_[c]);
+      const Floats contribution = path.get(weight_[c]) * likely_light;
+      path.add(contribution, radiance_[c]);
       luminance = mul_add(contribution, set(static_cast<float>(kLuminanceOfColours[c])), luminance);
       FloatColumn* const derivatives = &derivatives_[c * (2 + scores_)];
       if (asks_for_medium_) {
-        at.add(contribution * (at.get(score_[c]) - length), derivatives[0]);
-        at.add(at.get(d_weight_[c]) * likely_light, derivatives[1]);
+        path.add(contribution * (path.get(score_[c]) - length), derivatives[0]);
+        path.add(path.get(d_weight_[c]) * likely_light, derivatives[1]);
       }
       for (size_t s = 0; s < scores_; ++s) {
-        at.add(contribution * scores.of[s], derivatives[2 + s]);
+        path.add(contribution * scores.of[s], derivatives[2 + s]);
       }
       if (edge_.empty()) continue;
-      at.add(at.get(edge_[c]) * likely_light, derivatives[2 + *index_score_]);
+      path.add(path.get(edge_[c]) * likely_light, derivatives[2 + *index_score_]);
     }
     return luminance;
   }

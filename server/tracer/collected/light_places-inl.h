@@ -53,14 +53,14 @@ class LightPlaces {
     }
     collected_.resize(axes_.size());
     for (const Lights::Light& light : scene.lights.all()) {
-      std::vector<size_t> own;
+      std::vector<size_t> places;
       for (size_t p = 0; p < lights.size(); ++p) {
-        if (lights[p] == light.number) own.push_back(p);
+        if (lights[p] == light.number) places.push_back(p);
       }
-      if (own.empty()) continue;
-      outlined_.push_back({light, own, {}});
+      if (places.empty()) continue;
+      outlined_.push_back({light, places, {}});
       for (OutlineRays& rays : outlined_.back().rays) {
-        rays.light.resize(own.size());
+        rays.light.resize(places.size());
         rays.rays.bounded = scene.lights.has_near();
       }
     }

@@ -59,12 +59,13 @@ struct Medium {
   float sigma_t, albedo;
   size_t number;  // in Media::all
 
-  Medium(const Material& of, const PhaseFunction& scatters, const Boundary& crossed, size_t place)
+  Medium(const Material& material, const PhaseFunction& scatters, const Boundary& crossed,
+         size_t place)
       : phase(scatters),
         boundary(crossed),
         refraction(refraction_of(crossed)),
-        sigma_t(static_cast<float>(of.sigma_t)),
-        albedo(static_cast<float>(of.albedo)),
+        sigma_t(static_cast<float>(material.sigma_t)),
+        albedo(static_cast<float>(material.albedo)),
         number(place) {}
   // Derivatives are in this one alone.
   bool of_object() const { return number == 0; }

@@ -56,10 +56,10 @@ class MediumDerivatives {
     store(mul_add(score, flight.weight, load(control_, i)), control_, i);
   }
 
-  HWY_INLINE void on_vertex(const AtVertex& at) {
+  HWY_INLINE void on_vertex(const AtVertex& vertex) {
     if (!asked_) return;
-    const Floats gain = hn::IfThenElseZero(at.by_albedo, at.weight);
-    store(load(d_weight_, at.i) * at.vertices.factor + gain, d_weight_, at.i);
+    const Floats gain = hn::IfThenElseZero(vertex.by_albedo, vertex.weight);
+    store(load(d_weight_, vertex.i) * vertex.vertices.factor + gain, d_weight_, vertex.i);
   }
 
   HWY_INLINE void on_light(const Light& light) {

@@ -40,14 +40,14 @@ class Reflectances {
   auto columns() { return std::tie(d_weight_, collected_); }
   auto weights() { return std::tie(d_weight_); }
 
-  HWY_INLINE void on_vertex(const AtVertex& at) {
+  HWY_INLINE void on_vertex(const AtVertex& vertex) {
     for (size_t r = 0; r < asked_.size(); ++r) {
       const auto& [triangles, reflectance, slot] = asked_[r];
-      const Floats slope = reflectance_slope(reflectance, slot, at.position);
+      const Floats slope = reflectance_slope(reflectance, slot, vertex.position);
       const Floats gain =
-          hn::IfThenElseZero(among(triangles, at.vertices.triangles), at.weight * slope);
+          hn::IfThenElseZero(among(triangles, vertex.vertices.triangles), vertex.weight * slope);
       FloatColumn& column = d_weight_[r];
-      store(mul_add(load(column, at.i), at.vertices.factor, gain), column, at.i);
+      store(mul_add(load(column, vertex.i), vertex.vertices.factor, gain), column, vertex.i);
     }
   }
 

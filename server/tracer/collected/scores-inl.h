@@ -55,9 +55,9 @@ class Scores {
   std::optional<size_t> index_score() const { return index_score_; }
   // The sum of a score along the paths so far; and of all scores, along those in some slots.
   const FloatColumn& of_path(size_t s) const { return of_path_[s]; }
-  HWY_INLINE PathScores of_paths(const SlotGather& at) const {
+  HWY_INLINE PathScores of_paths(const SlotGather& path) const {
     PathScores scores;
-    for (size_t s = 0; s < count(); ++s) scores.of[s] = at.get(of_path_[s]);
+    for (size_t s = 0; s < count(); ++s) scores.of[s] = path.get(of_path_[s]);
     return scores;
   }
 

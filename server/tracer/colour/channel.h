@@ -5,6 +5,8 @@
 #include <cstddef>
 #include <vector>
 
+#include "common/luminance.h"
+
 namespace itn::tracer {
 
 using Rgb = std::array<double, 3>;
@@ -16,13 +18,6 @@ using RgbTable = std::vector<float>;
 // What a film shows. All three colours of kRgb are rendered, and luminance tells how.
 enum class Channel { kLuminance, kRed, kGreen, kBlue, kRgb };
 inline constexpr std::array kColours{Channel::kRed, Channel::kGreen, Channel::kBlue};
-inline constexpr std::array kLuminanceOfColours{0.2126, 0.7152, 0.0722};
-
-// Rec. 709 luminance.
-inline double luminance(const Rgb& c) {
-  return kLuminanceOfColours[0] * c[0] + kLuminanceOfColours[1] * c[1] +
-         kLuminanceOfColours[2] * c[2];
-}
 
 inline double select(const Rgb& c, Channel channel) {
   switch (channel) {

@@ -54,10 +54,6 @@ void add(Counters& into, const Counters& part) {
   into.cpu_seconds += part.cpu_seconds;
 }
 
-uint32_t samples_of_estimate(uint32_t count, uint32_t k, uint32_t estimates) {
-  return (count + estimates - 1 - k) / estimates;
-}
-
 RenderedImages means(const FilmSums& sums) {
   RenderedImages images;
   for (const auto& estimate : sums.estimates) {

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "common/render_estimate.h"
 #include "server/tracer/parameters/parameter.h"
 
 namespace itn::tracer {
@@ -60,21 +61,9 @@ struct FilmSums {
   }
 };
 
-// The number of samples that belong to estimate k of K, of so many.
-uint32_t samples_of_estimate(uint32_t count, uint32_t k, uint32_t estimates);
-
 // Means over the samples, 0 where there are none; all arrays width * height, top row first.
 struct RenderedImages {
-  struct Estimate {
-    std::vector<float> radiance;
-    std::vector<std::vector<float>> derivatives;  // in the order of RenderRequest::derivatives
-    std::vector<std::vector<float>> other_media;  // for RenderRequest::albedos or colours
-    std::vector<double> gradient = {};            // instead of derivatives, in their order
-    std::vector<float> map_gradient = {};         // by pixel of the panorama, top row first
-    // By triangle of the object, corner and coordinate: see RenderRequest::gradient_normals.
-    std::vector<float> normal_gradient = {};
-  };
-  std::vector<Estimate> estimates;
+  std::vector<RenderEstimate> estimates;
   std::vector<float> mask;  // fraction of camera rays that meet the object
   std::vector<std::vector<float>> colour_standard_errors;  // as the next one, of each colour
   std::vector<float> standard_error;  // of the mean radiance over all samples; 0 for less than two

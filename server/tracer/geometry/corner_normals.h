@@ -42,13 +42,13 @@ class CornerNormals {
 
   bool flat() const { return by_triangle_.empty(); }
   // At barycentric coordinates of the second and third corner, of unit length, outwards; of flat
-  // triangles `own`.
-  Vec3f at(uint32_t triangle, float v, float w, Vec3f own) const {
-    if (flat()) return own;
+  // triangles `flat_normal`.
+  Vec3f at(uint32_t triangle, float v, float w, Vec3f flat_normal) const {
+    if (flat()) return flat_normal;
     const auto& [a, b, c] = by_triangle_[triangle];
     const Vec3f sum = a * (1 - v - w) + b * v + c * w;
     const float squared = dot(sum, sum);
-    return squared > kLeastSquare ? sum * (1 / std::sqrt(squared)) : own;
+    return squared > kLeastSquare ? sum * (1 / std::sqrt(squared)) : flat_normal;
   }
   // The least square of the length of what is interpolated, where that is a normal.
   static constexpr float kLeastSquare = 0.01F;

@@ -369,23 +369,23 @@ void Grid::mark_inside(Cancellation& cancellation) {
     visited[seed] = true;
     while (!pending.empty()) {
       cancellation.turn();
-      const uint32_t at = pending.back();
+      const uint32_t cell = pending.back();
       pending.pop_back();
-      component.push_back(at);
+      component.push_back(cell);
       const uint32_t row = size[0], layer = row * size[1];
-      const uint32_t x = at % row, y = at / row % size[1], z = at / layer;
+      const uint32_t x = cell % row, y = cell / row % size[1], z = cell / layer;
       const auto visit = [&](bool exists, uint32_t neighbour) {
         if (exists && !visited[neighbour] && !(cells[neighbour] & kOccupied)) {
           visited[neighbour] = true;
           pending.push_back(neighbour);
         }
       };
-      visit(x > 0, at - 1);
-      visit(x + 1 < row, at + 1);
-      visit(y > 0, at - row);
-      visit(y + 1 < static_cast<uint32_t>(size[1]), at + row);
-      visit(z > 0, at - layer);
-      visit(z + 1 < static_cast<uint32_t>(size[2]), at + layer);
+      visit(x > 0, cell - 1);
+      visit(x + 1 < row, cell + 1);
+      visit(y > 0, cell - row);
+      visit(y + 1 < static_cast<uint32_t>(size[1]), cell + row);
+      visit(z > 0, cell - layer);
+      visit(z + 1 < static_cast<uint32_t>(size[2]), cell + layer);
     }
     if (lies_inside(static_cast<int>(seed % size[0]), static_cast<int>(seed / size[0] % size[1]),
                     static_cast<int>(seed / size[0] / size[1]), cancellation)) {

@@ -12,8 +12,17 @@
 
 namespace itn::tracer {
 
+// As it is rendered, in the coordinates of the object, where it is no disc.
+struct ParallelLight {
+  Vec3d direction;  // towards the light, of unit length
+  double irradiance;
+
+  static constexpr bool kDelta = true, kDistant = true;
+  double power() const { return irradiance; }
+};
+
 struct DirectionalLight {
-  Vec3d direction{0, 1, 0};  // towards the light; of unit length once it is compiled
+  Vec3d direction{0, 1, 0};  // towards the light
   double irradiance = 1;     // on a surface that faces it
   double angular_radius = 0;
 
@@ -26,7 +35,7 @@ struct DirectionalLight {
   }
   bool has_size() const { return angular_radius > 0; }
   // One of them, the other of no power.
-  std::tuple<DirectionalLight, SunDisc> compile(const LightFrame& frame) const {
+  std::tuple<ParallelLight, SunDisc> compile(const LightFrame& frame) const {
     constexpr double kSmallest = 0.1 * std::numbers::pi / 180;  // that floats resolve
     if (angular_radius > 0 && angular_radius < kSmallest) {
       throw invalid_input("directional.angular_radius_degrees must be 0, or in [0.1, 45]");
@@ -35,9 +44,6 @@ struct DirectionalLight {
     if (angular_radius > 0) return {{axis, 0}, SunDisc(axis, angular_radius, irradiance)};
     return {{axis, irradiance}, SunDisc(axis, kSmallest, 0)};
   }
-
-  static constexpr bool kDelta = true, kDistant = true;
-  double power() const { return irradiance; }
 };
 
 }  // namespace itn::tracer
@@ -58,7 +64,7 @@ struct DirectionalLight {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Beam beam(const DirectionalLight& light, Vectors /*from*/) {
+HWY_INLINE Beam beam(const ParallelLight& light, Vectors /*from*/) {
   return {set(static_cast<Vec3f>(light.direction)), set(kInfinity), set(1.0F)};
 }
 

@@ -160,14 +160,14 @@ HWY_INLINE InColours colours(const EnvironmentMap& light, Vectors direction) {
 
 HWY_INLINE Emission emission(const EnvironmentMap& light, Vectors direction) {
   const EnvironmentMapTable& map = light.table();
-  const MapPlace at = place_of(light, direction);
-  const Floats radiance = radiance_at(at, map.values());
+  const MapPlace place = place_of(light, direction);
+  const Floats radiance = radiance_at(place, map.values());
 
   const Floats zero = hn::Zero(FloatTag());
   const Floats width = set(static_cast<float>(map.width()));
   const Floats height = set(static_cast<float>(map.height()));
-  const Floats pixel_row = hn::Clamp(hn::Floor(at.v * height), zero, height - 1);
-  const Ints pixel_column = to_int(hn::Min(hn::Floor(at.u * width), width - 1));
+  const Floats pixel_row = hn::Clamp(hn::Floor(place.v * height), zero, height - 1);
+  const Ints pixel_column = to_int(hn::Min(hn::Floor(place.u * width), width - 1));
   const Floats probability =
       gather(map.cells().probabilities(),
              to_int(pixel_row) * hn::Set(IntTag(), map.width()) + pixel_column);

@@ -28,8 +28,8 @@ using LightDescription =
     std::variant<SunSkyLight, EnvironmentMapLight, ConstantLight, DirectionalLight, PointLight,
                  SpotLight, SphereLight, PanelLight>;
 
-using LightKind = std::variant<ConstantLight, SunDisc, SkyLight, EnvironmentMap, DirectionalLight,
-                               PointLight, SpotLight, SphereLight, PanelLight>;
+using LightKind = std::variant<ConstantLight, SunDisc, SkyLight, EnvironmentMap, ParallelLight,
+                               PointLamp, SpotLamp, SphereLamp, PanelLamp>;
 
 // Multiplies all that a light sends out.
 void brighten(LightDescription& light, double by);

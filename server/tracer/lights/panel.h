@@ -14,18 +14,34 @@
 
 namespace itn::tracer {
 
+// As it is rendered, in the coordinates of the object.
+struct PanelLamp {
+  Vec3d center, half_u, half_v;
+  double radiance;
+  double distance2;  // see LampPlace
+  Vec3d normal;      // of the side that shines
+  // A place from the center is within the panel if its products with both are in [-1, 1].
+  Vec3d across_u, across_v;
+  double touch;       // what is nearer to its plane touches it, in mm
+  bool is_rectangle;  // to the precision of floats
+
+  static constexpr const char* kName = "panel";
+  bool cuts(const Mesh& mesh, const Bounds& box) const {
+    return crosses(mesh, box, center, half_u, half_v);
+  }
+
+  static constexpr bool kDelta = false, kDistant = false;
+  double area() const { return 4 * length(cross(half_u, half_v)); }
+  // Irradiance at the object's middle if the panel faced it; that of a half-space of light at most.
+  double power() const { return radiance * std::min(area() / distance2, std::numbers::pi); }
+};
+
 struct PanelLight {
   Vec3d center;          // outside of the medium
   Vec3d half_u, half_v;  // edges, halved
   double radiance = 1;   // W/(m^2 sr), to the side of cross(half_u, half_v)
-  // Once it is compiled: see LampPlace; the normal of the side that shines; and what places of it
-  // times `across_u` are in [-1, 1] by, along half_u, and likewise.
-  double distance2 = 1;
-  Vec3d normal = {}, across_u = {}, across_v = {};
-  double touch = 0;           // what is nearer to its plane touches it, in mm
-  bool is_rectangle = false;  // once it is compiled, to the precision of floats
 
-  static constexpr const char* kName = "panel";
+  static constexpr const char* kName = PanelLamp::kName;
   template <typename Self, typename Fields>
   static void fields(Self& self, Fields& to) {
     to.moving_position("center", self.center);
@@ -33,7 +49,7 @@ struct PanelLight {
     to.position("half_v", self.half_v);
     to.number("radiance", self.radiance, 0, 1e9);
   }
-  PanelLight compile(const LightFrame& frame) const {
+  PanelLamp compile(const LightFrame& frame) const {
     const LampPlace place = lamp_place(frame, "panel.center", center);
     const auto turned = frame.pose.rotation.inverse();
     const Vec3d u = turned(half_u), v = turned(half_v);
@@ -52,16 +68,6 @@ struct PanelLight {
             place.rounding,
             std::abs(dot(u, v)) <= 1e-6 * length(u) * length(v)};
   }
-
-  // Once it is compiled.
-  bool cuts(const Mesh& mesh, const Bounds& box) const {
-    return crosses(mesh, box, center, half_u, half_v);
-  }
-
-  static constexpr bool kDelta = false, kDistant = false;
-  double area() const { return 4 * length(cross(half_u, half_v)); }
-  // Irradiance at the object's middle if the panel faced it; that of a half-space of light at most.
-  double power() const { return radiance * std::min(area() / distance2, std::numbers::pi); }
 };
 
 }  // namespace itn::tracer
@@ -106,14 +112,14 @@ HWY_INLINE Floats turns_at(const SeenPanel& seen, Floats x) {
 }
 // To its middle. Of an object that stands on it, rounding puts places on either side of its plane:
 // they are a little in front of it, or `behind`.
-HWY_INLINE Vectors to_center_of(const PanelLight& light, Vectors from, Mask behind) {
+HWY_INLINE Vectors to_center_of(const PanelLamp& light, Vectors from, Mask behind) {
   const Vectors straight = set(static_cast<Vec3f>(light.center)) - from;
   const Vectors normal = set(static_cast<Vec3f>(light.normal));
   const Floats along = dot(normal, straight), touch = set(static_cast<float>(light.touch));
   const Floats by = hn::IfThenElse(behind, touch, -touch) - along;
   return if_then_else(hn::Abs(along) < touch, straight + normal * by, straight);
 }
-HWY_INLINE SeenPanel seen_panel(const PanelLight& light, Vectors from,
+HWY_INLINE SeenPanel seen_panel(const PanelLamp& light, Vectors from,
                                 Mask behind = hn::FirstN(FloatTag(), 0)) {
   constexpr float kLeastTurns = 0.01F;
   const Vectors to_center = to_center_of(light, from, behind);
@@ -172,7 +178,7 @@ HWY_INLINE PanelPlace numbers_of(const SeenPanel& seen, PanelPlace place) {
 }
 
 // Along a unit direction, at a distance from its front or back.
-HWY_INLINE Appearance appearance_of(const PanelLight& light, const SeenPanel& seen, Floats facing,
+HWY_INLINE Appearance appearance_of(const PanelLamp& light, const SeenPanel& seen, Floats facing,
                                     Floats distance) {
   const Floats by_area = hn::Abs(facing) * static_cast<float>(light.area());
   const Floats per_area = distance * distance / hn::Max(by_area, set(1e-30F));
@@ -182,13 +188,13 @@ HWY_INLINE Appearance appearance_of(const PanelLight& light, const SeenPanel& se
            hn::IfThenElse(seen.by_angle, per_angle, per_area)}};
 }
 
-HWY_INLINE Vectors to_place(const PanelLight& light, const SeenPanel& seen, PanelPlace place) {
+HWY_INLINE Vectors to_place(const PanelLamp& light, const SeenPanel& seen, PanelPlace place) {
   const auto along = [](Floats v) { return v + v - 1; };
   return seen.to_center + set(static_cast<Vec3f>(light.half_u)) * along(place.u) +
          set(static_cast<Vec3f>(light.half_v)) * along(place.v);
 }
 
-HWY_INLINE LampDraw draw(const PanelLight& light, Vectors from, const LightUniforms& u) {
+HWY_INLINE LampDraw draw(const PanelLamp& light, Vectors from, const LightUniforms& u) {
   const SeenPanel seen = seen_panel(light, from);
   const Vectors to = to_place(light, seen, place_of(seen, {u.u0, u.u1}));
   const Floats distance = hn::Sqrt(hn::Max(dot(to, to), set(1e-20F)));
@@ -197,7 +203,7 @@ HWY_INLINE LampDraw draw(const PanelLight& light, Vectors from, const LightUnifo
   return {direction, appearance_of(light, seen, facing, distance)};
 }
 
-HWY_INLINE Appearance look(const PanelLight& light, Vectors from, Vectors d) {
+HWY_INLINE Appearance look(const PanelLamp& light, Vectors from, Vectors d) {
   const Vectors normal = set(static_cast<Vec3f>(light.normal));
   const Floats facing = dot(normal, d);
   const SeenPanel seen = seen_panel(light, from, facing > 0);
@@ -210,7 +216,7 @@ HWY_INLINE Appearance look(const PanelLight& light, Vectors from, Vectors d) {
   return where(met, appearance_of(light, seen, facing, t));
 }
 
-HWY_INLINE Vectors redraw(const PanelLight& light, Vectors from, Vectors d, Vectors other) {
+HWY_INLINE Vectors redraw(const PanelLamp& light, Vectors from, Vectors d, Vectors other) {
   const SeenPanel here = seen_panel(light, from), there = seen_panel(light, other);
   const Vectors place = d * look(light, from, d).distance - here.to_center;
   const auto part = [&](Vec3d across) {
@@ -223,7 +229,7 @@ HWY_INLINE Vectors redraw(const PanelLight& light, Vectors from, Vectors d, Vect
 
 // Each piece of an edge along t that goes by m sweeps m.(d x t) by length, over the square of its
 // distance.
-HWY_INLINE Outline outline(const PanelLight& light, Vectors from, Floats u, bool opposite) {
+HWY_INLINE Outline outline(const PanelLamp& light, Vectors from, Floats u, bool opposite) {
   const double length_u = length(light.half_u), length_v = length(light.half_v);
   const Floats place = u * static_cast<float>(length_u + length_v);
   const Mask along_u = place < static_cast<float>(length_u);

@@ -8,10 +8,19 @@
 
 namespace itn::tracer {
 
+// As it is rendered, in the coordinates of the object.
+struct PointLamp {
+  Vec3d position;
+  double intensity;
+  double distance2;  // see LampPlace
+
+  static constexpr bool kDelta = true, kDistant = false;
+  double power() const { return intensity * kSquareMmPerSquareM / distance2; }
+};
+
 struct PointLight {
   Vec3d position;        // outside of the medium
   double intensity = 1;  // W/sr
-  double distance2 = 1;  // once it is compiled: see LampPlace
 
   static constexpr const char* kName = "point";
   template <typename Self, typename Fields>
@@ -20,13 +29,10 @@ struct PointLight {
     to.number("intensity", self.intensity, 0, 1e9);
   }
   bool has_size() const { return false; }
-  PointLight compile(const LightFrame& frame) const {
+  PointLamp compile(const LightFrame& frame) const {
     const LampPlace place = lamp_place(frame, "point.position", position);
     return {place.position, intensity, place.distance2};
   }
-
-  static constexpr bool kDelta = true, kDistant = false;
-  double power() const { return intensity * kSquareMmPerSquareM / distance2; }
 };
 
 }  // namespace itn::tracer
@@ -46,7 +52,7 @@ struct PointLight {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Beam beam(const PointLight& light, Vectors from) {
+HWY_INLINE Beam beam(const PointLamp& light, Vectors from) {
   return beam_from(set(static_cast<Vec3f>(light.position)), light.distance2, from);
 }
 

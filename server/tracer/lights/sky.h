@@ -133,30 +133,30 @@ HWY_INLINE SkyPlace place_of(const SkyLight& sky, Vectors direction) {
 }
 
 // The radiance by the table of a channel, whose values lie so far apart.
-HWY_INLINE Floats radiance_at(const SkyLight& sky, const SkyPlace& at, const float* values,
+HWY_INLINE Floats radiance_at(const SkyLight& sky, const SkyPlace& place, const float* values,
                               int stride = 1) {
   const float* const above = values + ptrdiff_t{stride} * SkyTable::kColumns;
   const Ints by = hn::Set(IntTag(), stride);
-  const Ints here = at.here * by, beside = at.beside * by;
-  const Floats radiance = mix(mix(gather(values, here), gather(values, beside), at.fx),
-                              mix(gather(above, here), gather(above, beside), at.fx), at.fy);
-  return hn::IfThenElseZero(at.up, radiance * static_cast<float>(sky.scale()));
+  const Ints here = place.here * by, beside = place.beside * by;
+  const Floats radiance = mix(mix(gather(values, here), gather(values, beside), place.fx),
+                              mix(gather(above, here), gather(above, beside), place.fx), place.fy);
+  return hn::IfThenElseZero(place.up, radiance * static_cast<float>(sky.scale()));
 }
 
 HWY_INLINE Emission emission(const SkyLight& sky, Vectors direction) {
   const SkyTable& table = sky.table();
-  const SkyPlace at = place_of(sky, direction);
+  const SkyPlace place = place_of(sky, direction);
   // Within a cell uniform in a and s. With d omega = dy d phi, dy = 2 (1 - s) ds, and
   // d phi / da = 1 / (f^2 + (1 - f)^2) where f is the fraction of a.
-  const Floats cell = mul_add(hn::Floor(at.row * (1.0F / SkyTable::kMerged)),
+  const Floats cell = mul_add(hn::Floor(place.row * (1.0F / SkyTable::kMerged)),
                               set(static_cast<float>(SkyTable::kCellColumns)),
-                              hn::Floor(at.column * (1.0F / SkyTable::kMerged)));
+                              hn::Floor(place.column * (1.0F / SkyTable::kMerged)));
   const Floats probability = gather(table.cells().probabilities(), to_int(cell));
-  const Floats rest = 1 - at.fraction;
-  const Floats stretch = mul_add(rest, rest, at.fraction * at.fraction);
+  const Floats rest = 1 - place.fraction;
+  const Floats stretch = mul_add(rest, rest, place.fraction * place.fraction);
   const Floats pdf = probability * stretch *
-                     ((SkyTable::kCellColumns / 4.0F) * SkyTable::kCellRows) * at.per_below;
-  return {radiance_at(sky, at, table.values()), hn::IfThenElseZero(at.up, pdf)};
+                     ((SkyTable::kCellColumns / 4.0F) * SkyTable::kCellRows) * place.per_below;
+  return {radiance_at(sky, place, table.values()), hn::IfThenElseZero(place.up, pdf)};
 }
 HWY_INLINE InColours colours(const SkyLight& sky, Vectors direction) {
   const SkyPlace at = place_of(sky, direction);

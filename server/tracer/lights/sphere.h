@@ -12,34 +12,41 @@
 
 namespace itn::tracer {
 
-struct SphereLight {
-  Vec3d center;          // outside of the medium
-  double radius = 1;     // mm
-  double radiance = 1;   // W/(m^2 sr)
-  double distance2 = 1;  // once it is compiled: see LampPlace
+// As it is rendered, in the coordinates of the object.
+struct SphereLamp {
+  Vec3d center;
+  double radius;
+  double radiance;
+  double distance2;  // see LampPlace
 
   static constexpr const char* kName = "sphere";
-  template <typename Self, typename Fields>
-  static void fields(Self& self, Fields& to) {
-    to.moving_position("center", self.center);
-    to.number("radius", self.radius, 1e-6, 1e6);
-    to.number("radiance", self.radiance, 0, 1e9);
-  }
-  SphereLight compile(const LightFrame& frame) const {
-    const LampPlace place = lamp_place(frame, "sphere.center", center);
-    if (!(radius * radius < place.distance2)) {
-      throw invalid_input("sphere.radius: the object is in the lamp; it must stand outside of it");
-    }
-    return {place.position, radius, radiance, place.distance2};
-  }
-
-  // Once it is compiled.
   bool cuts(const Mesh& mesh, const Bounds& box) const {
     return is_in_ball(mesh, box, center, radius);
   }
 
   static constexpr bool kDelta = false, kDistant = false;
   double power() const { return std::numbers::pi * radiance * radius * radius / distance2; }
+};
+
+struct SphereLight {
+  Vec3d center;         // outside of the medium
+  double radius = 1;    // mm
+  double radiance = 1;  // W/(m^2 sr)
+
+  static constexpr const char* kName = SphereLamp::kName;
+  template <typename Self, typename Fields>
+  static void fields(Self& self, Fields& to) {
+    to.moving_position("center", self.center);
+    to.number("radius", self.radius, 1e-6, 1e6);
+    to.number("radiance", self.radiance, 0, 1e9);
+  }
+  SphereLamp compile(const LightFrame& frame) const {
+    const LampPlace place = lamp_place(frame, "sphere.center", center);
+    if (!(radius * radius < place.distance2)) {
+      throw invalid_input("sphere.radius: the object is in the lamp; it must stand outside of it");
+    }
+    return {place.position, radius, radiance, place.distance2};
+  }
 };
 
 }  // namespace itn::tracer
@@ -65,7 +72,7 @@ struct Cone {
   Mask outside;
   Floats size;  // 1 - cos of its half angle
 };
-HWY_INLINE Cone cone_of(const SphereLight& light, Vectors to_center) {
+HWY_INLINE Cone cone_of(const SphereLamp& light, Vectors to_center) {
   const Floats one = set(1.0F);
   const auto radius2 = static_cast<float>(light.radius * light.radius);
   const Floats d2 = dot(to_center, to_center);
@@ -83,19 +90,19 @@ HWY_INLINE Vectors in_cone(const Cone& cone, Floats part, Floats cos_phi, Floats
 }
 
 // How it is seen through the cone, from where its middle and half of its chord are so far away.
-HWY_INLINE Appearance appearance_of(const SphereLight& light, const Cone& cone, Floats middle,
+HWY_INLINE Appearance appearance_of(const SphereLamp& light, const Cone& cone, Floats middle,
                                     Floats half_chord) {
   const Floats near_end = middle - half_chord, far_end = middle + half_chord;
   return {hn::Max(hn::IfThenElse(cone.outside, near_end, far_end), hn::Zero(FloatTag())),
           {hn::IfThenElseZero(cone.outside, set(static_cast<float>(light.radiance))),
            0.5F * std::numbers::inv_pi_v<float> / cone.size}};
 }
-HWY_INLINE Floats half_chord2(const SphereLight& light, Floats off2) {
+HWY_INLINE Floats half_chord2(const SphereLamp& light, Floats off2) {
   return static_cast<float>(light.radius * light.radius) - off2;
 }
 
 // In the cone, all directions alike: z is uniform, as that of a sun (sun_disc.h).
-HWY_INLINE LampDraw draw(const SphereLight& light, Vectors from, const LightUniforms& u) {
+HWY_INLINE LampDraw draw(const SphereLamp& light, Vectors from, const LightUniforms& u) {
   const Vectors to_center = set(static_cast<Vec3f>(light.center)) - from;
   const Cone cone = cone_of(light, to_center);
   const SinCos phi = sin_cos_2pi(u.u1);
@@ -108,7 +115,7 @@ HWY_INLINE LampDraw draw(const SphereLight& light, Vectors from, const LightUnif
 }
 
 // What is drawn from inside of it is half of what is met there; it is dark there.
-HWY_INLINE Appearance look(const SphereLight& light, Vectors from, Vectors d) {
+HWY_INLINE Appearance look(const SphereLamp& light, Vectors from, Vectors d) {
   const Floats zero = hn::Zero(FloatTag());
   const Vectors to_center = set(static_cast<Vec3f>(light.center)) - from;
   const Cone cone = cone_of(light, to_center);
@@ -123,7 +130,7 @@ HWY_INLINE Appearance look(const SphereLight& light, Vectors from, Vectors d) {
   return appearance;
 }
 
-HWY_INLINE Vectors redraw(const SphereLight& light, Vectors from, Vectors d, Vectors other) {
+HWY_INLINE Vectors redraw(const SphereLamp& light, Vectors from, Vectors d, Vectors other) {
   const Vectors center = set(static_cast<Vec3f>(light.center));
   const Cone here = cone_of(light, center - from);
   const Vectors local = world_to_frame(here.axis, d);
@@ -136,7 +143,7 @@ HWY_INLINE Vectors redraw(const SphereLight& light, Vectors from, Vectors d, Vec
 }
 
 // The lamp grows where lines touch it as fast as it goes along its normal there.
-HWY_INLINE Outline outline(const SphereLight& light, Vectors from, Floats u, bool opposite) {
+HWY_INLINE Outline outline(const SphereLamp& light, Vectors from, Floats u, bool opposite) {
   const Vectors to_center = set(static_cast<Vec3f>(light.center)) - from;
   const Cone cone = cone_of(light, to_center);
   const Floats zero = hn::Zero(FloatTag());

@@ -13,15 +13,24 @@
 
 namespace itn::tracer {
 
+// As it is rendered, in the coordinates of the object.
+struct SpotLamp {
+  Vec3d position, direction;  // the direction that it shines in is of unit length
+  double intensity;
+  double distance2;  // see LampPlace
+  // The cosine of the outer angle, and 1 over how much that of the inner one is above it.
+  float outer_cosine, per_cosine;
+
+  static constexpr bool kDelta = true, kDistant = false;
+  // The power as if it were turned to the object.
+  double power() const { return intensity * kSquareMmPerSquareM / distance2; }
+};
+
 struct SpotLight {
   Vec3d position;        // outside of the medium
-  Vec3d target;          // what it is turned to; once it is compiled, the direction, of unit length
+  Vec3d target;          // the place that it is turned to
   double intensity = 1;  // W/sr, up to the inner angle; from there to the outer one it fades
   double inner_angle = 20 * kRadiansPerDegree, outer_angle = 25 * kRadiansPerDegree;
-  double distance2 = 1;  // once it is compiled: see LampPlace
-  // Once it is compiled: the cosine of the outer angle, and 1 over how much that of the inner one
-  // is above it.
-  float outer_cosine = 0, per_cosine = 0;
 
   static constexpr const char* kName = "spot";
   template <typename Self, typename Fields>
@@ -33,7 +42,7 @@ struct SpotLight {
     to.angle("outer_angle_degrees", self.outer_angle, 0.1, 90);
   }
   bool has_size() const { return false; }
-  SpotLight compile(const LightFrame& frame) const {
+  SpotLamp compile(const LightFrame& frame) const {
     const LampPlace place = lamp_place(frame, "spot.position", position);
     const Vec3d direction = frame.pose.to_object(target) - place.position;
     if (!(dot(direction, direction) > 0)) {
@@ -42,19 +51,14 @@ struct SpotLight {
     if (!(inner_angle <= outer_angle)) {
       throw invalid_input("spot.inner_angle_degrees is above outer_angle_degrees");
     }
-    SpotLight compiled = *this;
-    compiled.position = place.position;
-    compiled.target = itn::normalize(direction);
-    compiled.distance2 = place.distance2;
     const double outer = std::cos(outer_angle);
-    compiled.outer_cosine = static_cast<float>(outer);
-    compiled.per_cosine = static_cast<float>(1 / std::max(std::cos(inner_angle) - outer, 1e-6));
-    return compiled;
+    return {place.position,
+            itn::normalize(direction),
+            intensity,
+            place.distance2,
+            static_cast<float>(outer),
+            static_cast<float>(1 / std::max(std::cos(inner_angle) - outer, 1e-6))};
   }
-
-  static constexpr bool kDelta = true, kDistant = false;
-  // The power as if it were turned to the object.
-  double power() const { return intensity * kSquareMmPerSquareM / distance2; }
 };
 
 }  // namespace itn::tracer
@@ -74,9 +78,9 @@ struct SpotLight {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Beam beam(const SpotLight& light, Vectors from) {
+HWY_INLINE Beam beam(const SpotLamp& light, Vectors from) {
   Beam arriving = beam_from(set(static_cast<Vec3f>(light.position)), light.distance2, from);
-  const Floats cosine = -dot(arriving.direction, set(static_cast<Vec3f>(light.target)));
+  const Floats cosine = -dot(arriving.direction, set(static_cast<Vec3f>(light.direction)));
   // 0 at the outer angle, 1 at the inner one, level at both.
   const Floats t =
       hn::Clamp((cosine - light.outer_cosine) * light.per_cosine, hn::Zero(FloatTag()), set(1.0F));

@@ -171,12 +171,12 @@ class Walk {
   }
 
   // A scattering in the medium: sends a shadow ray, then draws the next direction.
-  void scatter(const Interaction& at, float u0, float u1) {
+  void scatter(const Interaction& here, float u0, float u1) {
     dweight_dalbedo_ = dweight_dalbedo_ * albedo_ + (of_object_ ? weight_ : 0);
     weight_ *= albedo_;
     edge_weight_ *= albedo_;
     for (const size_t i : reflectances_) dweight_dreflectance_[i] *= albedo_;
-    at_ = at;
+    at_ = here;
     send_shadow_ray([&](Vec3f to_light) {
       const auto [value, scores] = at_angle(dot(direction_, to_light));
       return Response{value, value, scores};
@@ -195,23 +195,23 @@ class Walk {
   }
 
   // A diffuse reflection: likewise, with the cosine law.
-  void reflect(const Interaction& at, float u0, float u1) {
-    const Reflectance& kind = scene_.surfaces[at.on.surface].reflectance;
-    const auto position = HWY_NAMESPACE::set(at.position);
+  void reflect(const Interaction& here, float u0, float u1) {
+    const Reflectance& kind = scene_.surfaces[here.on.surface].reflectance;
+    const auto position = HWY_NAMESPACE::set(here.position);
     const float reflectance = GetLane(reflectance_at(kind, position));
     for (const size_t i : reflectances_) {
       const Parameter& parameter = request_.derivatives[i];
       const size_t slot = slots_of<Reflectance>()[parameter.slot].number;
       const float slope =
-          parameter.index == at.on.surface ? GetLane(reflectance_slope(kind, slot, position)) : 0;
+          parameter.index == here.on.surface ? GetLane(reflectance_slope(kind, slot, position)) : 0;
       dweight_dreflectance_[i] = dweight_dreflectance_[i] * reflectance + slope * weight_;
     }
     weight_ *= reflectance;
     dweight_dalbedo_ *= reflectance;
     edge_weight_ *= reflectance;
-    const Vec3f flat_normal = geometry_.facing_normal(at.on, direction_);
-    const Vec3f normal = smooth_normal(at, flat_normal);
-    at_ = at;
+    const Vec3f flat_normal = geometry_.facing_normal(here.on, direction_);
+    const Vec3f normal = smooth_normal(here, flat_normal);
+    at_ = here;
     send_shadow_ray([&](Vec3f to_light) {
       const bool above = dot(flat_normal, to_light) > 0;
       const float pdf = above ? std::max(0.0F, dot(normal, to_light)) / kFloatPi : 0;
@@ -230,13 +230,13 @@ class Walk {
   }
 
   // The normal of a smooth surface, on the side of its triangle's.
-  Vec3f smooth_normal(const Interaction& at, Vec3f flat_normal) const {
+  Vec3f smooth_normal(const Interaction& here, Vec3f flat_normal) const {
     const Surfaces& surfaces = scene_.obstacles.surfaces;
     if (!surfaces.smooth()) return flat_normal;
-    const uint32_t number = surfaces.first_triangle_of_mesh[at.on.surface] + at.on.triangle;
+    const uint32_t number = surfaces.first_triangle_of_mesh[here.on.surface] + here.on.triangle;
     const auto lane = smooth_normal_at(
         surfaces, HWY_NAMESPACE::hn::Set(HWY_NAMESPACE::IntTag(), static_cast<int32_t>(number)),
-        HWY_NAMESPACE::set(at.position));
+        HWY_NAMESPACE::set(here.position));
     const Vec3f normal{GetLane(lane.x), GetLane(lane.y), GetLane(lane.z)};
     return dot(surfaces.normals.at(number), flat_normal) < 0 ? -normal : normal;
   }
@@ -250,7 +250,7 @@ class Walk {
     enter(scene_.medium_at(ray.triangle));
     const bool leaving = ray.at.inside;
     const CornerNormals& normals = scene_.obstacles.corner_normals;
-    const Crossing at = crossing_of(
+    const Crossing crossing = crossing_of(
         HWY_NAMESPACE::set(direction_),
         HWY_NAMESPACE::set(normals.at(ray.triangle, ray.v, ray.w, ray.normal)),
         HWY_NAMESPACE::set(ray.normal), FirstN(HWY_NAMESPACE::FloatTag(), leaving ? 1 : 0),
@@ -259,12 +259,12 @@ class Walk {
     if (!is_delta(*boundary_)) {
       send_shadow_ray([&](Vec3f to_light) {
         if (!(dot(ray.normal, to_light) > 0)) return Response{};
-        const BoundaryValue light = evaluate(*boundary_, at, HWY_NAMESPACE::set(to_light));
+        const BoundaryValue light = evaluate(*boundary_, crossing, HWY_NAMESPACE::set(to_light));
         return Response{GetLane(light.value), GetLane(light.pdf), boundary_scores(light.scores)};
       });
     }
     const RandomWords words = sampler_.words(vertex_, Sampler::kBoundary);
-    const BoundarySample next = sample(*boundary_, at, HWY_NAMESPACE::set(words));
+    const BoundarySample next = sample(*boundary_, crossing, HWY_NAMESPACE::set(words));
     const float edge = weight_ * GetLane(next.edge_weight);
     at_.inside = leaving != AllTrue(HWY_NAMESPACE::FloatTag(), next.transmitted);
     at_.at_boundary = true;

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "common/material.h"
+#include "common/render_limits.h"
 #include "server/tracer/parameters/parameter.h"
 #include "server/tracer/phase/phase_function.h"
 #include "server/tracer/scene/scene.h"
@@ -27,14 +28,6 @@ struct Tile {
   uint32_t x = 0, y = 0;  // of the pixel at its left, top
   uint32_t width = 0, height = 0;
 };
-
-constexpr uint32_t kMaxSamples = 1U << 20;
-constexpr uint32_t kMaxEstimates = 16;
-constexpr size_t kMaxAlbedos = 16;
-constexpr size_t kMaxDerivatives = 32;
-constexpr uint32_t kMaxPilotSpp = 64;
-// In size; so that gradients are finite as floats.
-constexpr double kMaxGradientWeight = 1e15;
 
 // What is asked for: the result depends on scene and request (and on Tuning and Switches, which are
 // the same for everybody but tests and benchmarks).

@@ -92,9 +92,9 @@ struct SlotGather {
 // Puts those of some lanes behind one another, from number `at` on.
 struct Append {
   Mask where;
-  size_t at;
+  size_t first;
   HWY_INLINE void operator()(Floats v, FloatColumn& column) const {
-    hn::CompressStore(v, where, FloatTag(), column.data() + at);
+    hn::CompressStore(v, where, FloatTag(), column.data() + first);
   }
   HWY_INLINE void operator()(Vectors v, VectorColumn& column) const {
     (*this)(v.x, column.x);
@@ -102,12 +102,12 @@ struct Append {
     (*this)(v.z, column.z);
   }
   HWY_INLINE void operator()(Uints v, UintColumn& column) const {
-    hn::CompressStore(v, for_uints(where), UintTag(), column.data() + at);
+    hn::CompressStore(v, for_uints(where), UintTag(), column.data() + first);
   }
   // The numbers that they get.
   HWY_INLINE Uints numbers() const {
     alignas(64) uint32_t number[kMaxLanes] = {};
-    auto next = static_cast<uint32_t>(at);
+    auto next = static_cast<uint32_t>(first);
     for (Bits bits = bits_of(where); bits != 0; bits &= bits - 1) {
       number[std::countr_zero(bits)] = next++;
     }

@@ -17,7 +17,7 @@ struct PlaneCoordinates {
   PlaneCoordinates() = default;
   // In the coordinates of the object. Throws Error (invalid input) if the edges are parallel;
   // `kind` is what they are of.
-  PlaneCoordinates(const Pose& pose, const std::string& kind, Vec3d at, Vec3d edge_u,
+  PlaneCoordinates(const Pose& pose, const std::string& kind, Vec3d origin, Vec3d edge_u,
                    Vec3d edge_v) {
     const Rotation<double> turn = pose.rotation.inverse();
     const Vec3d u = turn(edge_u), v = turn(edge_v), normal = cross(u, v);
@@ -25,7 +25,7 @@ struct PlaneCoordinates {
       throw invalid_input(kind + ".edge_u and edge_v are parallel; they must not be");
     }
     const double per = 1 / dot(normal, normal);
-    corner = pose.to_object(at);
+    corner = pose.to_object(origin);
     per_u = cross(v, normal) * per;
     per_v = cross(normal, u) * per;
   }

@@ -9,8 +9,8 @@
 #include "client/dataset/plan.h"
 #include "common/geometry/mesh.h"
 #include "common/rpc/wire_array.h"
+#include "common/scene/mesh_builder.h"
 #include "common/scene/scene_bytes.h"
-#include "server/scene_compiler/mesh_builder.h"
 #include "tests/client/dataset/dataset_support.h"
 #include "tests/support/expect_error.h"
 
@@ -42,7 +42,7 @@ TEST(ItemScene, StandsOnTheGroundHoweverItIsTurned) {
   v1::DatasetConfig config = preset_config("outdoor");
   config.mutable_pose()->Clear();
   config.mutable_pose()->set_any(1);
-  const ShapeSplit shapes{{"figure"}, {"figure"}, {"figure"}};
+  const NameSplit shapes{{"figure"}, {"figure"}, {"figure"}};
   const double height = bounds(make_shape("figure")).max.y;
   for (uint64_t i = 0; i < 20; ++i) {
     const v1::DatasetItem item = plan_item(config, shapes, i);

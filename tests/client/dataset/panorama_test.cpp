@@ -150,7 +150,7 @@ TEST_F(Panoramas, TheTestSeesNoneOfTheTraining) {
     for (size_t i = 0; i < count; ++i) panoramas.push_back({std::to_string(i), "", {}});
     return split_panoramas(config, panoramas);
   };
-  const PanoramaSplit ten = split_of(10);
+  const NameSplit ten = split_of(10);
   EXPECT_EQ(ten.test.size(), 3);
   EXPECT_EQ(ten.validation.size(), 1);
   EXPECT_EQ(ten.train.size(), 6);
@@ -158,12 +158,13 @@ TEST_F(Panoramas, TheTestSeesNoneOfTheTraining) {
   all.insert(ten.validation.begin(), ten.validation.end());
   all.insert(ten.test.begin(), ten.test.end());
   EXPECT_EQ(all.size(), 10);
-  const PanoramaSplit three = split_of(3);
+  const NameSplit three = split_of(3);
   EXPECT_EQ(three.test.size() * three.validation.size() * three.train.size(), 1);
-  const PanoramaSplit two = split_of(2);
-  EXPECT_NE(two.names(v1::SPLIT_TEST), two.names(v1::SPLIT_TRAIN));
-  EXPECT_EQ(two.names(v1::SPLIT_VALIDATION), two.names(v1::SPLIT_TRAIN));
-  EXPECT_EQ(split_of(1).names(v1::SPLIT_TEST), split_of(1).names(v1::SPLIT_TRAIN));
+  const NameSplit two = split_of(2);
+  EXPECT_NE(two.names_or_training(v1::SPLIT_TEST), two.names_or_training(v1::SPLIT_TRAIN));
+  EXPECT_EQ(two.names_or_training(v1::SPLIT_VALIDATION), two.names_or_training(v1::SPLIT_TRAIN));
+  EXPECT_EQ(split_of(1).names_or_training(v1::SPLIT_TEST),
+            split_of(1).names_or_training(v1::SPLIT_TRAIN));
   std::vector<Panorama> twins(2, {"a", "", {}});
   expect_error(ErrorKind::kInvalidInput, "two panoramas are called \"a\"",
                [&] { split_panoramas(preset_config("outdoor"), twins); });

@@ -65,7 +65,7 @@ TEST(DatasetPlan, SplitsShareNoShapeAndNoIllumination) {
 TEST(DatasetPlan, EverySplitHasItsShareOfEveryBeginning) {
   v1::DatasetConfig config = small_config();
   config.set_validation_fraction(0.1);
-  const ShapeSplit shapes = split_shapes(config, nameless(20));
+  const NameSplit shapes = split_shapes(config, nameless(20));
   std::map<v1::Split, int> counts;
   for (int i = 0; i < 1000; ++i) {
     ++counts[plan_item(config, shapes, static_cast<uint64_t>(i)).split()];
@@ -78,7 +78,7 @@ TEST(DatasetPlan, FewShapesAreOneForEachSplitAtLeast) {
   v1::DatasetConfig config = small_config();
   config.set_validation_fraction(0.01);
   config.set_test_fraction(0.9);
-  const ShapeSplit three = split_shapes(config, nameless(3));
+  const NameSplit three = split_shapes(config, nameless(3));
   EXPECT_EQ(three.train.size(), 1);
   EXPECT_EQ(three.validation.size(), 1);
   EXPECT_EQ(three.test.size(), 1);
@@ -88,7 +88,7 @@ TEST(DatasetPlan, FewShapesAreOneForEachSplitAtLeast) {
   EXPECT_EQ(split_shapes(config, nameless(2)).test.size(), 1);
   config.add_test_shapes("shape00001");
   config.add_validation_shapes("shape00002");
-  const ShapeSplit named = split_shapes(config, nameless(4));
+  const NameSplit named = split_shapes(config, nameless(4));
   EXPECT_THAT(named.test, ::testing::ElementsAre("shape00001"));
   EXPECT_THAT(named.validation, ::testing::ElementsAre("shape00002"));
   EXPECT_THAT(named.train, ::testing::ElementsAre("shape00000", "shape00003"));
@@ -234,7 +234,7 @@ v1::DatasetConfig training_alone(const char* preset) {
 
 // Not a power of two, not from the beginning.
 std::vector<v1::DatasetItem> items_of(const v1::DatasetConfig& config) {
-  const ShapeSplit shapes = split_shapes(config, nameless(64));
+  const NameSplit shapes = split_shapes(config, nameless(64));
   std::vector<v1::DatasetItem> items;
   for (uint64_t i = 1000; i < 7000; ++i) items.push_back(plan_item(config, shapes, i));
   return items;
@@ -261,7 +261,7 @@ TEST(DatasetPlan, EveryAzimuthComesAboutEquallyOftenWithEveryShapeAndMaterial) {
   v1::SunSkyChoice& sun = *config.mutable_lights(0)->mutable_sun_sky();
   sun.mutable_azimuth_degrees()->mutable_one_of();
   for (int i = 0; i < 36; ++i) sun.mutable_azimuth_degrees()->mutable_one_of()->add_value(10 * i);
-  const ShapeSplit shapes = split_shapes(config, nameless(600));
+  const NameSplit shapes = split_shapes(config, nameless(600));
   std::vector<v1::DatasetItem> items;
   for (uint64_t i = 0; i < 4800; ++i) items.push_back(plan_item(config, shapes, i));
   std::map<float, int> azimuths;
@@ -330,7 +330,7 @@ TEST(DatasetPlan, SurfacesAndPatternsAreDrawnBesideTheRest) {
   config.mutable_ground()->set_checkered(0.25);
   config.mutable_ground()->set_mottled(0.25);
   set_defaults(config);
-  const ShapeSplit shapes = split_shapes(config, nameless(3));
+  const NameSplit shapes = split_shapes(config, nameless(3));
   int boundaries = 0, grounds = 0, checkered = 0, textured = 0;
   for (uint64_t i = 0; i < 6400; ++i) {
     v1::DatasetItem item = plan_item(config, shapes, i);
@@ -367,7 +367,7 @@ TEST(DatasetPlan, EveryChoiceOfAStudioIsIndependentOfEveryOther) {
 
 TEST(DatasetPlan, AStudioHasAnyNumberOfEmittersOfAnyKind) {
   const v1::DatasetConfig config = training_alone("studio");
-  const ShapeSplit shapes = split_shapes(config, nameless(3));
+  const NameSplit shapes = split_shapes(config, nameless(3));
   std::map<int, int> counts;
   int emitters = 0, lamps = 0;
   for (uint64_t i = 0; i < 5000; ++i) {
@@ -383,7 +383,7 @@ TEST(DatasetPlan, AStudioHasAnyNumberOfEmittersOfAnyKind) {
 
 TEST(DatasetPlan, LightsComeAsOftenAsTheyWeigh) {
   const v1::DatasetConfig config = training_alone("any");
-  const ShapeSplit shapes = split_shapes(config, nameless(3));
+  const NameSplit shapes = split_shapes(config, nameless(3));
   std::map<v1::ItemLight::KindCase, int> counts;
   for (uint64_t i = 0; i < 5000; ++i) ++counts[plan_item(config, shapes, i).light().kind_case()];
   EXPECT_NEAR(counts[v1::ItemLight::kSunSky], 2000, 40);
@@ -394,7 +394,7 @@ TEST(DatasetPlan, LightsComeAsOftenAsTheyWeigh) {
 // Sun and sky are brought to an irradiance, and nothing else is another for it.
 TEST(DatasetPlan, SunAndSkyAreAsBrightAsAsked) {
   const v1::DatasetConfig config = training_alone("outdoor");
-  const ShapeSplit shapes = split_shapes(config, nameless(3));
+  const NameSplit shapes = split_shapes(config, nameless(3));
   v1::DatasetConfig known = config;
   *known.mutable_lights(0)->mutable_sun_sky()->mutable_irradiance() = log_uniform(50, 200);
   double sum = 0;
@@ -424,7 +424,7 @@ TEST(DatasetPlan, LampsOfASizeAreDrawnOutOfThePicture) {
   config.clear_lights();
   config.add_lights()->mutable_lamp();
   set_defaults(config);
-  const ShapeSplit shapes = split_shapes(config, nameless(3));
+  const NameSplit shapes = split_shapes(config, nameless(3));
   v1::DatasetConfig of_a_size = config;
   *of_a_size.mutable_lights(0)->mutable_lamp()->mutable_radius() = uniform(0.05, 0.2);
   int moved = 0;
@@ -456,7 +456,7 @@ TEST(DatasetPlan, LampsOfASizeAreDrawnOutOfThePicture) {
 TEST(DatasetPlan, ColoursAreAsOftenAndAsBrightAsAsked) {
   v1::DatasetConfig config = training_alone("outdoor");
   *config.mutable_lights(0)->mutable_sun_sky()->mutable_irradiance() = fixed(100);
-  const ShapeSplit shapes = split_shapes(config, nameless(3));
+  const NameSplit shapes = split_shapes(config, nameless(3));
   v1::DatasetConfig coloured = config;
   coloured.set_coloured(0.75);
   std::map<v1::Film::Channel, int> counts;
@@ -485,8 +485,8 @@ TEST(DatasetPlan, ColoursAreAsOftenAndAsBrightAsAsked) {
 // A light that is added changes nothing of the others.
 TEST(DatasetPlan, PanoramasAreOneMoreLight) {
   v1::DatasetConfig config = training_alone("studio");
-  const ShapeSplit shapes = split_shapes(config, nameless(3));
-  const PanoramaSplit panoramas{{"a", "b"}, {}, {}};
+  const NameSplit shapes = split_shapes(config, nameless(3));
+  const NameSplit panoramas{{"a", "b"}, {}, {}};
   v1::DatasetConfig more = config;
   more.add_lights()->mutable_panoramas();
   set_defaults(more);
@@ -539,7 +539,7 @@ TEST(DatasetPlan, PosesComeAsOftenAsTheyWeighAndEveryOrientationIsAsLikely) {
   config.mutable_pose()->set_upright(1);
   config.mutable_pose()->set_turned(2);
   config.mutable_pose()->set_any(5);
-  const ShapeSplit shapes = split_shapes(config, nameless(2));
+  const NameSplit shapes = split_shapes(config, nameless(2));
   int upright = 0, turned = 0;
   double up[3] = {}, up_squared[3] = {};
   int any = 0;

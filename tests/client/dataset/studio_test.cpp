@@ -59,7 +59,7 @@ v1::Studio studio(const std::string& text) {
 
 TEST(Studio, IrradianceIsAsAsked) {
   const v1::DatasetConfig config = preset_config("studio");
-  const ShapeSplit shapes{{"a"}, {"b"}, {"c"}};
+  const NameSplit shapes{{"a"}, {"b"}, {"c"}};
   for (uint64_t i = 0; i < 8; ++i) {
     v1::Studio drawn = plan_item(config, shapes, i).light().studio();
     drawn.set_irradiance(static_cast<float>(10 * (i + 1)));
@@ -149,7 +149,7 @@ TEST(Studio, PixelsAreAsFineAsTheSmallestEmitterNeeds) {
 
 TEST(Studio, IsAFunctionOfItsNumbers) {
   const v1::DatasetConfig config = preset_config("studio");
-  const ShapeSplit shapes{{"a"}, {"b"}, {"c"}};
+  const NameSplit shapes{{"a"}, {"b"}, {"c"}};
   const v1::Studio drawn = plan_item(config, shapes, 5).light().studio();
   EXPECT_EQ(studio_panorama(drawn).rgb(), studio_panorama(drawn).rgb());
   v1::Studio other = drawn;

@@ -102,7 +102,7 @@ class SyntheticModel {
     Gaussian1D gaussian(seed);
     const double noise = noise_ * std::sqrt(static_cast<double>(kEstimates) / spp);
     for (size_t k = 0; k < kEstimates; ++k) {
-      tracer::RenderEstimate& estimate = render.estimates.emplace_back();
+      RenderEstimate& estimate = render.estimates.emplace_back();
       estimate.derivatives.resize(4);
       for (size_t p = 0; p < kPixels; ++p) {
         const double exact = radiance(p, m, index), off = gaussian();

@@ -16,6 +16,7 @@
 #include "client/training/training_run.h"
 #include "common/learning/checkpoint.h"
 #include "common/scene/scene_bytes.h"
+#include "server/render/weighted_image_loss.h"
 
 namespace itn {
 
@@ -36,9 +37,9 @@ inline MaterialCoordinates derivatives(size_t p) {
   return {u * v / 100, 2 * u, 3 * v * v};
 }
 
-inline tracer::RenderEstimate render(const Material& m, double noise, uint64_t seed) {
+inline RenderEstimate render(const Material& m, double noise, uint64_t seed) {
   SplitMix random(seed);
-  tracer::RenderEstimate estimate;
+  RenderEstimate estimate;
   estimate.derivatives.resize(3);
   for (size_t p = 0; p < kPixels; ++p) {
     const double error = noise * (random.uniform() - 0.5);
@@ -50,13 +51,12 @@ inline tracer::RenderEstimate render(const Material& m, double noise, uint64_t s
   return estimate;
 }
 
-inline std::vector<tracer::LossWithGradient> render_batch(std::span<const RenderQuery> queries) {
-  std::vector<tracer::LossWithGradient> result;
+inline std::vector<LossWithGradient> render_batch(std::span<const RenderQuery> queries) {
+  std::vector<LossWithGradient> result;
   for (const RenderQuery& q : queries) {
-    const std::vector<tracer::RenderEstimate> estimates{
-        render(q.material, 0.2, derive_seed(q.seed, {0})),
-        render(q.material, 0.2, derive_seed(q.seed, {1}))};
-    result.push_back(tracer::weighted_image_loss(q.image, q.weight, estimates));
+    const std::vector<RenderEstimate> estimates{render(q.material, 0.2, derive_seed(q.seed, {0})),
+                                                render(q.material, 0.2, derive_seed(q.seed, {1}))};
+    result.push_back(weighted_image_loss(q.image, q.weight, estimates));
   }
   return result;
 }
@@ -86,7 +86,7 @@ class TrainingTest : public ::testing::Test {
       return image;
     };
     images_.derivatives = [this](size_t i) {
-      const tracer::RenderEstimate exact = render(images_.truth[i], 0, 0);
+      const RenderEstimate exact = render(images_.truth[i], 0, 0);
       DerivativeImages images;
       for (auto& estimate : images) std::ranges::copy(exact.derivatives, estimate.begin());
       return images;

@@ -16,6 +16,7 @@
 #include "common/learning/checkpoint.h"
 #include "common/learning/predictor.h"
 #include "common/scene/scene_bytes.h"
+#include "server/render/weighted_image_loss.h"
 #include "tests/client/training/training_fixture.h"
 #include "tests/support/bfloat16.h"
 
@@ -63,12 +64,11 @@ TEST_F(TrainingTest, RenderGradientReachesTheWeights) {
       for (int64_t i = 0; i < kItems; ++i) {
         const double* z = outputs[i].data_ptr<double>();
         const MaterialCoordinates output{z[0], z[1], z[2]};
-        const std::vector<tracer::RenderEstimate> estimates(2,
-                                                            render(space.material(output), 0, 0));
+        const std::vector<RenderEstimate> estimates(2, render(space.material(output), 0, 0));
         const std::span<const float> weight(inputs[i][1].data_ptr<float>(), kPixels);
         const auto item = static_cast<size_t>(i);
-        const tracer::LossWithGradient loss =
-            tracer::weighted_image_loss(images_.read(item).radiance, weight, estimates);
+        const LossWithGradient loss =
+            weighted_image_loss(images_.read(item).radiance, weight, estimates);
         mean += loss.value / kItems;
         if (gradients != nullptr) {
           const std::vector<double>& d = loss.gradient;
@@ -400,7 +400,7 @@ TEST_F(TrainingTest, ThatDivergesKeepsTheLastGoodCheckpoint) {
   for (const double bad : {static_cast<double>(NAN), HUGE_VAL}) {
     uint64_t calls = 0;
     const auto spoiled = [&](std::span<const RenderQuery> queries) {
-      std::vector<tracer::LossWithGradient> losses = render_batch(queries);
+      std::vector<LossWithGradient> losses = render_batch(queries);
       if (++calls == 7) losses[2].gradient[1] = bad;
       return losses;
     };

@@ -23,14 +23,15 @@
 
 #include "client/rpc/channel.h"
 #include "common/error.h"
+#include "common/luminance.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_bytes.h"
 #include "itn/v1/render.grpc.pb.h"
 #include "server/render/render_reply.h"
 #include "server/render/render_server.h"
+#include "server/render/weighted_image_loss.h"
 #include "server/scene_compiler/request_builder.h"
-#include "server/tracer/film/weighted_image_loss.h"
 #include "tests/support/health.h"
 #include "tests/support/process.h"
 #include "tests/support/raw_call.h"
@@ -183,14 +184,14 @@ TEST(RenderService, AnswersWithLossAndGradient) {
   const std::vector<float> mask = from_bytes<float>(images.mask());
   std::vector<float> weight(pixels);
   for (size_t p = 0; p < pixels; ++p) weight[p] = static_cast<float>(p % 3) * (mask[p] > 0 ? 1 : 0);
-  std::vector<tracer::RenderEstimate> estimates;
+  std::vector<RenderEstimate> estimates;
   for (const v1::Estimate& e : images.estimates()) {
     estimates.push_back({from_bytes<float>(e.radiance()),
                          {from_bytes<float>(e.derivatives(0)), from_bytes<float>(e.derivatives(1)),
                           from_bytes<float>(e.derivatives(2))},
                          {}});
   }
-  const tracer::LossWithGradient expected = tracer::weighted_image_loss(image, weight, estimates);
+  const LossWithGradient expected = weighted_image_loss(image, weight, estimates);
 
   set_loss(request, image, weight);
   const Answer answer = client.call(request);
@@ -224,14 +225,14 @@ TEST(RenderService, CountsPixelsThatAreNotRenderedInTheLoss) {
   const v1::RenderGradReply images = client.call(request).reply;
   const size_t pixels = size_t{images.width()} * images.height();
   const std::vector<float> image(pixels, 5), weight(pixels, 1);
-  std::vector<tracer::RenderEstimate> estimates;
+  std::vector<RenderEstimate> estimates;
   for (const v1::Estimate& e : images.estimates()) {
     estimates.push_back(
         {from_bytes<float>(e.radiance()), {from_bytes<float>(e.derivatives(0))}, {}});
   }
   const auto dark = std::count(estimates[0].radiance.begin(), estimates[0].radiance.end(), 0.0F);
   ASSERT_GT(dark, 20);
-  const tracer::LossWithGradient expected = tracer::weighted_image_loss(image, weight, estimates);
+  const LossWithGradient expected = weighted_image_loss(image, weight, estimates);
   set_loss(request, image, weight);
   const Answer answer = client.call(request);
   ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
@@ -261,10 +262,9 @@ TEST(RenderService, PutsTheSamplesOfALossWhereItNeedsThem) {
   ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
 
   tracer::RenderRequest asked = build_request(request, {}).asked;
-  asked.sampling_weights = tracer::loss_sampling_weights(image, weight);
+  asked.sampling_weights = loss_sampling_weights(image, weight);
   const tracer::FilmSums sums = render_grad(scene, asked);
-  const tracer::LossWithGradient expected =
-      tracer::weighted_image_loss(image, weight, means(sums).estimates);
+  const LossWithGradient expected = weighted_image_loss(image, weight, means(sums).estimates);
   EXPECT_DOUBLE_EQ(answer.reply.loss(), expected.value);
   EXPECT_DOUBLE_EQ(answer.reply.loss_gradient(0), expected.gradient.at(0));
 }
@@ -295,7 +295,7 @@ TEST(RenderService, GivesDerivativesInTheScene) {
   const Answer loss = client.call(request);
   ASSERT_TRUE(loss.status.ok()) << loss.status.error_message();
   const tracer::Scene scene(build_scene(parse_scene(request.scene()), {}));
-  const tracer::LossWithGradient expected = tracer::weighted_image_loss(
+  const LossWithGradient expected = weighted_image_loss(
       image, weight, means(render_grad(scene, build_request(request, {}).asked)).estimates);
   ASSERT_EQ(loss.reply.loss_gradient_size(), 3);
   EXPECT_DOUBLE_EQ(loss.reply.loss_gradient(2), expected.gradient.back());
@@ -522,7 +522,7 @@ TEST(RenderService, GivesColoursInTheirOrder) {
     const auto by_sigma_s = derivative(0), by_albedo = derivative(1), by_sigma_t = derivative(2);
     const auto [sigma_t, albedo, g] = from_proto(request.colours(c));
     for (size_t p = 0; p < radiance.size(); ++p) {
-      luminance[p] += tracer::kLuminanceOfColours[static_cast<size_t>(c)] * radiance[p];
+      luminance[p] += kLuminanceOfColours[static_cast<size_t>(c)] * radiance[p];
       const double expected = by_sigma_t[p] + (1 - albedo) / sigma_t * by_albedo[p];
       EXPECT_NEAR(by_sigma_s[p], expected, 1e-5 * (1 + std::abs(expected)));
     }

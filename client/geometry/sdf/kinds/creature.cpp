@@ -37,12 +37,12 @@ struct Skeleton {
 };
 
 // A head of about the given radius that looks along x, with a muzzle, ears or horns.
-void add_head(Dice& dice, Skeleton& body, Vec3f at, float radius) {
-  body.add(at, at + Vec3f{radius * dice.between(0.2F, 0.6F), 0.02F, 0}, radius,
+void add_head(Dice& dice, Skeleton& body, Vec3f neck, float radius) {
+  body.add(neck, neck + Vec3f{radius * dice.between(0.2F, 0.6F), 0.02F, 0}, radius,
            radius * dice.between(0.7F, 1));
   if (dice.chance(0.7)) {
     const float muzzle = radius * dice.between(0.8F, 2);
-    body.add(at, at + Vec3f{muzzle, -radius * dice.between(0.1F, 0.6F), 0}, radius * 0.6F,
+    body.add(neck, neck + Vec3f{muzzle, -radius * dice.between(0.1F, 0.6F), 0}, radius * 0.6F,
              radius * dice.between(0.25F, 0.55F));
   }
   if (dice.chance(0.7)) {  // ears or horns
@@ -50,7 +50,7 @@ void add_head(Dice& dice, Skeleton& body, Vec3f at, float radius) {
     const float backwards = dice.between(-0.8F, 0.4F), apart = dice.between(0.3F, 1);
     const float thick = radius * dice.between(0.2F, 0.4F);
     for (const float side : {-1.0F, 1.0F}) {
-      const Vec3f root = at + Vec3f{-0.1F * radius, 0.6F * radius, side * 0.5F * radius};
+      const Vec3f root = neck + Vec3f{-0.1F * radius, 0.6F * radius, side * 0.5F * radius};
       const Vec3f tip = root + normalize(Vec3f{backwards, 1, side * apart}) * height;
       body.add(root, tip, thick, thick * 0.5F);
     }
@@ -217,16 +217,16 @@ Skeleton swimmer(Dice& dice) {
   Skeleton body;
   const float girth = dice.scale(0.14F, 0.4F);
   const Vec3f head{0.7F, 0, 0};
-  Vec3f at = head;
+  Vec3f joint = head;
   const int joints = dice.count(3, 6);
   float radius = girth * dice.between(0.6F, 1);
   for (int i = 0; i < joints; ++i) {
     const float t = static_cast<float>(i + 1) / static_cast<float>(joints);
     const float next = girth * (1 - 0.8F * t) * dice.between(0.8F, 1.1F);
-    const Vec3f to = at + Vec3f{-1.5F / static_cast<float>(joints), dice.between(-0.15F, 0.15F),
-                                dice.between(-0.2F, 0.2F)};
-    body.add(at, to, radius, next);
-    at = to;
+    const Vec3f to = joint + Vec3f{-1.5F / static_cast<float>(joints), dice.between(-0.15F, 0.15F),
+                                   dice.between(-0.2F, 0.2F)};
+    body.add(joint, to, radius, next);
+    joint = to;
     radius = next;
   }
   if (dice.chance(0.7)) add_head(dice, body, head, girth * dice.between(0.6F, 1));

@@ -197,14 +197,14 @@ Solid worked(Dice& dice, Solid solid) {
       }
       default: {  // a boss, with or without a hole
         const float radius = dice.between(0.15F, 0.4F), height = dice.between(0.4F, 0.95F);
-        const Vec3f at{place.x * 0.8F, height / 2, place.z * 0.8F};
+        const Vec3f middle{place.x * 0.8F, height / 2, place.z * 0.8F};
         const Solid boss =
             dice.chance(0.6) ? cylinder(radius, height / 2) : box({radius, height / 2, radius});
-        solid = united(std::move(solid), along_axis(moved(boss, at)), fillet);
+        solid = united(std::move(solid), along_axis(moved(boss, middle)), fillet);
         if (dice.chance(0.6)) {
-          solid = subtracted(std::move(solid),
-                             along_axis(moved(cylinder(radius * 0.55F, 1), {at.x, 0.8F, at.z})),
-                             fillet);
+          solid = subtracted(
+              std::move(solid),
+              along_axis(moved(cylinder(radius * 0.55F, 1), {middle.x, 0.8F, middle.z})), fillet);
         }
         break;
       }

@@ -95,8 +95,8 @@ HWY_INLINE Mask may_cross(const Grid& grid, Uints words, Mask where, Vectors cel
   const auto* const occupied = reinterpret_cast<const int32_t*>(grid.occupied.data());
   const Ints number =
       hn::BitCast(di, hn::IfThenElseZero(for_uints(where), words & set(Grid::kPayload)));
-  const Ints at = number * hn::Set(di, kStride);
-  const Ints cone = hn::GatherIndex(di, occupied + kNormals, at);
+  const Ints offset = number * hn::Set(di, kStride);
+  const Ints cone = hn::GatherIndex(di, occupied + kNormals, offset);
   const auto component = [&](Ints shifted) {
     return hn::ConvertTo(d, hn::ShiftRight<24>(shifted));
   };
@@ -117,7 +117,7 @@ HWY_INLINE Mask may_cross(const Grid& grid, Uints words, Mask where, Vectors cel
   const Floats at_origin = dot(line.origin - middle, axis);
   const Floats first = mul_add(slope, line.from, at_origin);
   const Floats last = mul_add(slope, line.to, at_origin);
-  const Ints slab = hn::GatherIndex(di, occupied + kSlab, at);
+  const Ints slab = hn::GatherIndex(di, occupied + kSlab, offset);
   const Floats scale = set(grid.slab_scale), per_unit = set(2.0F / 65535 * grid.slab_scale);
   const Floats high =
       upper(slab, [](Uints bits) { return hn::ShiftRight<16>(bits); }) * per_unit - scale;

@@ -158,16 +158,16 @@ HWY_INLINE Ints numbers_of(Ints facet, size_t bytes) {
   return facet * hn::Set(IntTag(), static_cast<int32_t>(bytes / sizeof(float)));
 }
 HWY_INLINE CurvedFacet curved_facet(const Obstacles& obstacles, Ints facet, Vectors x) {
-  const auto* const own = reinterpret_cast<const float*>(obstacles.facets.by_triangle.data());
+  const auto* const numbers = reinterpret_cast<const float*>(obstacles.facets.by_triangle.data());
   const auto* const corners =
       reinterpret_cast<const float*>(obstacles.corner_normals.by_triangle().data());
-  const Ints at = numbers_of(facet, sizeof(Facets::Facet));
+  const Ints facet_begin = numbers_of(facet, sizeof(Facets::Facet));
   const Ints normals = numbers_of(facet, 3 * sizeof(Vec3f));
   const Vectors first = load_vectors(corners, normals);
-  return {load_vectors(own, at) - x,
-          load_vectors(own + 3, at),
-          load_vectors(own + 6, at),
-          load_vectors(own + 9, at),
+  return {load_vectors(numbers, facet_begin) - x,
+          load_vectors(numbers + 3, facet_begin),
+          load_vectors(numbers + 6, facet_begin),
+          load_vectors(numbers + 9, facet_begin),
           first,
           load_vectors(corners + 3, normals) - first,
           load_vectors(corners + 6, normals) - first};
@@ -183,14 +183,16 @@ struct Bend {
   Floats near, along, per_length;
   Vectors off;
 };
-HWY_INLINE Bend bend_at(const CurvedFacet& facet, Floats index, Vectors to, const Target& target) {
-  const Vectors place = to - facet.to_corner;
+HWY_INLINE Bend bend_at(const CurvedFacet& facet, Floats index, Vectors to_place,
+                        const Target& target) {
+  const Vectors place = to_place - facet.to_corner;
   const Vectors sum = facet.corner_normal + facet.normal_by_v * dot(place, facet.v) +
                       facet.normal_by_w * dot(place, facet.w);
   const Floats per_length = 1 / hn::Sqrt(dot(sum, sum));
-  const Floats near = hn::Sqrt(dot(to, to));
-  const Vectors inner = to * (1 / near);
-  const Vectors outer = if_then_else(target.is_point, normalize(target.place - to), target.place);
+  const Floats near = hn::Sqrt(dot(to_place, to_place));
+  const Vectors inner = to_place * (1 / near);
+  const Vectors outer =
+      if_then_else(target.is_point, normalize(target.place - to_place), target.place);
   const Vectors normal = sum * per_length, both = inner * index - outer;
   const Floats along = dot(both, normal);
   return {normal, inner, outer, near, along, per_length, both - normal * along};
@@ -250,10 +252,10 @@ HWY_INLINE Place place_on_curved(const CurvedFacet& facet, Floats index, const T
   const Plane plane{facet.normal, index};
   const Floats depth = dot(facet.to_corner, facet.normal);
   const Aim start = aim_at(plane, target.direction());
-  Vectors to = start.direction * (depth / dot(start.direction, facet.normal));
-  Bend bend = bend_at(facet, index, to, target);
+  Vectors to_place = start.direction * (depth / dot(start.direction, facet.normal));
+  Bend bend = bend_at(facet, index, to_place, target);
   for (int step = 0; step < kSteps; ++step) {
-    const Vectors rest = target.place - to;
+    const Vectors rest = target.place - to_place;
     const Floats per_far = hn::IfThenElseZero(target.is_point, 1 / hn::Sqrt(dot(rest, rest)));
     const auto change = [&](Vectors way) {
       const Vectors turn = (way - bend.outer * dot(way, bend.outer)) * per_far;
@@ -263,19 +265,19 @@ HWY_INLINE Place place_on_curved(const CurvedFacet& facet, Floats index, const T
     const Floats per = 1 / dot(bend.normal, cross(by_a, by_b));
     const Floats a = dot(bend.normal, cross(by_b, bend.off)) * per;
     const Floats b = dot(bend.normal, cross(bend.off, by_a)) * per;
-    to = to + sides.a * a + sides.b * b;
-    bend = bend_at(facet, index, to, target);
+    to_place = to_place + sides.a * a + sides.b * b;
+    bend = bend_at(facet, index, to_place, target);
   }
   const Floats far =
-      hn::IfThenElseZero(target.is_point, way_to_plane(target.middle, to, bend.outer));
-  const Vectors place = to - facet.to_corner;
+      hn::IfThenElseZero(target.is_point, way_to_plane(target.middle, to_place, bend.outer));
+  const Vectors place = to_place - facet.to_corner;
   Mask possible =
       start.possible & (depth > 0) & is_within(dot(place, facet.v), dot(place, facet.w));
   possible &= dot(bend.off, bend.off) < kConverged * kConverged;
   for (const Vectors& normal : {bend.normal, facet.normal}) {
     possible &= (dot(bend.inner, normal) > 0) & (dot(bend.outer, normal) > 0);
   }
-  return {to, possible & (far < kInfinity)};
+  return {to_place, possible & (far < kInfinity)};
 }
 
 // A facet that is flat, as it is seen from x.
@@ -285,12 +287,12 @@ struct FlatFacet {
   Floats depth;  // of x below it
 };
 HWY_INLINE FlatFacet flat_facet(const Facets& facets, Ints facet, Floats index, Vectors x) {
-  const auto* const own = reinterpret_cast<const float*>(facets.by_triangle.data());
+  const auto* const numbers = reinterpret_cast<const float*>(facets.by_triangle.data());
   const Ints at = numbers_of(facet, sizeof(Facets::Facet));
-  const Vectors to_corner = load_vectors(own, at) - x, normal = load_vectors(own + 3, at);
+  const Vectors to_corner = load_vectors(numbers, at) - x, normal = load_vectors(numbers + 3, at);
   return {to_corner,
-          load_vectors(own + 6, at),
-          load_vectors(own + 9, at),
+          load_vectors(numbers + 6, at),
+          load_vectors(numbers + 9, at),
           {normal, index},
           dot(to_corner, normal)};
 }
@@ -320,13 +322,13 @@ HWY_INLINE Place place_on(const Obstacles& obstacles, Ints facet, Floats index, 
              : place_on_curved(curved_facet(obstacles, facet, x), index, target);
 }
 HWY_INLINE Aim aim_at_place(const Obstacles& obstacles, Ints facet, Floats index, Vectors x,
-                            const Target& target, Vectors to) {
+                            const Target& target, Vectors to_place) {
   if (obstacles.corner_normals.flat())
     return aim_at_flat(flat_facet(obstacles.facets, facet, index, x), target);
   const CurvedFacet curved = curved_facet(obstacles, facet, x);
-  const Bend bend = bend_at(curved, index, to, target);
+  const Bend bend = bend_at(curved, index, to_place, target);
   const Floats far =
-      hn::IfThenElseZero(target.is_point, way_to_plane(target.middle, to, bend.outer));
+      hn::IfThenElseZero(target.is_point, way_to_plane(target.middle, to_place, bend.outer));
   return {bend.inner, hn::FirstN(FloatTag(), lanes()),
           inner_by_drawn(curved, bend, index, target, far)};
 }

@@ -47,18 +47,18 @@ HWY_NOINLINE inline void find_parts(const Wavefront& wavefront, Vectors directio
 
 // Light that arrives along paths, which weigh it, through a `length` in the object's medium since
 // their last vertex. Of lanes where none arrives, it is 0.
-HWY_INLINE void add_contribution(Wavefront& wavefront, SlotGather at, Floats light, Floats length,
+HWY_INLINE void add_contribution(Wavefront& wavefront, SlotGather path, Floats light, Floats length,
                                  const LightParts& parts, const PathScores& scores) {
   Paths& paths = wavefront.paths;
-  const Floats weight = at.get(paths.weight);
+  const Floats weight = path.get(paths.weight);
   const Floats contribution = weight * light;
-  at.add(contribution, paths.radiance);
+  path.add(contribution, paths.radiance);
   Floats by_edges = hn::Zero(FloatTag());
-  for (const FloatColumn& edge : paths.edge_weight) by_edges = at.get(edge) * light;
+  for (const FloatColumn& edge : paths.edge_weight) by_edges = path.get(edge) * light;
   if (wavefront.collected.normal_gradient) {
-    at.add(by_edges, wavefront.collected.normal_gradient->edge_radiance());
+    path.add(by_edges, wavefront.collected.normal_gradient->edge_radiance());
   }
-  wavefront.collected.on_light({at, light, contribution, length, parts, scores, by_edges});
+  wavefront.collected.on_light({path, light, contribution, length, parts, scores, by_edges});
 }
 
 // The same, for the gradient in normals: `light` reaches the pixels of the paths in `slots` by the
@@ -86,25 +86,25 @@ inline void add_to_normals(Wavefront& wavefront, Ints numbers, Floats light, Int
 // scene.
 inline void add_emission(Wavefront& wavefront, Ints slots, Mask live) {
   const Paths& paths = wavefront.paths;
-  const SlotGather at{slots};
-  const Vectors direction = if_then_else(live, at.get(paths.rays.direction), set(Vec3f{0, 1, 0}));
-  const Vectors from = at.get(paths.flight_from);
+  const SlotGather path{slots};
+  const Vectors direction = if_then_else(live, path.get(paths.rays.direction), set(Vec3f{0, 1, 0}));
+  const Vectors from = path.get(paths.flight_from);
   const auto [distance, light] = look(wavefront.scene.lights, from, direction);
-  const Uints delta_bounce = at.get(paths.delta_bounce);
-  const Floats pdf = at.get(paths.pdf);
+  const Uints delta_bounce = path.get(paths.delta_bounce);
+  const Floats pdf = path.get(paths.pdf);
   Floats mis_weight = set(1.0F);
   switch (wavefront.switches.techniques) {
     case Switches::Techniques::kLightsOnly: mis_weight = hn::Zero(FloatTag()); break;
     case Switches::Techniques::kPhaseOnly: break;
     case Switches::Techniques::kBoth: {
       Floats others = light.pdf;
-      if (wavefront.refracts_shadow_rays) others = mul_add(at.get(paths.odds[0]), others, others);
+      if (wavefront.refracts_shadow_rays) others = mul_add(path.get(paths.odds[0]), others, others);
       mis_weight = pdf / (pdf + others);
       break;
     }
   }
   Floats alone = set(1.0F);
-  if (wavefront.refracts_shadow_rays) alone /= alone + at.get(paths.odds[0]);
+  if (wavefront.refracts_shadow_rays) alone /= alone + path.get(paths.odds[0]);
   mis_weight = hn::IfThenElse(not_zero(delta_bounce), alone, mis_weight);
   if (wavefront.mirrors_shadow_rays) {
     mis_weight = hn::IfThenZeroElse(equals(delta_bounce, PathState::kFound), mis_weight);
@@ -115,18 +115,19 @@ inline void add_emission(Wavefront& wavefront, Ints slots, Mask live) {
   if (wavefront.part_count > 0) {
     find_parts(wavefront, direction, lamp_seen(wavefront.scene.lights, from, direction), parts);
   }
-  const PathScores scores = wavefront.collected.scores.of_paths(at);
+  const PathScores scores = wavefront.collected.scores.of_paths(path);
   if (wavefront.collected.colours.asked()) {
-    at.add(wavefront.collected.colours.add(
-               at, hn::Zero(FloatTag()), [&](size_t c) { return arriving * parts.of[c]; }, scores),
-           wavefront.paths.radiance);
+    path.add(
+        wavefront.collected.colours.add(
+            path, hn::Zero(FloatTag()), [&](size_t c) { return arriving * parts.of[c]; }, scores),
+        wavefront.paths.radiance);
     return;
   }
-  add_contribution(wavefront, at, arriving, hn::Zero(FloatTag()), parts, scores);
+  add_contribution(wavefront, path, arriving, hn::Zero(FloatTag()), parts, scores);
   if (wavefront.collected.map_gradient.asked()) {
     wavefront.collected.map_gradient.add(paths.pixel, paths.sample, direction,
                                          live & hn::Eq(distance, set(kInfinity)),
-                                         at.get(paths.weight) * mis_weight, slots);
+                                         path.get(paths.weight) * mis_weight, slots);
   }
 }
 

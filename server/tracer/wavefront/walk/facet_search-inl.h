@@ -136,12 +136,10 @@ inline void keep_searching(Wavefront& wavefront, SentRays& refracted, size_t i, 
     keep(wavefront.boundary_is_delta ? refracted.exit_place : refracted.exit_direction);
     keep(wavefront.boundary_is_delta ? refracted.facet : refracted.shadow_ray);
   }
-  append(load(refracted.origin, i), refracted.rays.position);
+  append_inside(append, load(refracted.origin, i), direction,
+                load(refracted.rays.max_medium_length, i), refracted.rays);
   for (VectorColumn* column : {&refracted.origin, &refracted.target}) keep(*column);
   for (UintColumn* column : {&refracted.slot, &refracted.lamp}) keep(*column);
-  keep(refracted.rays.max_medium_length);
-  append(direction, refracted.rays.direction);
-  append(set(Rays::kInside), refracted.rays.interaction);
   kept += hn::CountTrue(FloatTag(), where);
 }
 

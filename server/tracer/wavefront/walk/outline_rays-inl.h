@@ -25,24 +25,25 @@ namespace itn::tracer::HWY_NAMESPACE {
 // tracing through edge sampling", SIGGRAPH Asia 2018.
 
 // `light`: the step of radiance times what the vertex makes of it.
-inline void add_outline_rays(Wavefront& wavefront, OutlineRays& to, size_t i,
+inline void add_outline_rays(Wavefront& wavefront, OutlineRays& outline_rays, size_t i,
                              const Vertices& vertices, Mask where, const Outline& outline,
                              Floats distance, Floats light, const std::vector<size_t>& places) {
   where &= hn::Abs(light) > 0;
   const Uints interaction = load(wavefront.paths.rays.interaction, i);
-  const Append append{where, to.count};
-  append(load(wavefront.paths.rays.position, i), to.rays.position);
-  append(outline.direction, to.rays.direction);
-  append(hn::IfThenZeroElse(for_uints(vertices.at_boundary), interaction), to.rays.interaction);
+  const Append append{where, outline_rays.count};
+  append(load(wavefront.paths.rays.position, i), outline_rays.rays.position);
+  append(outline.direction, outline_rays.rays.direction);
+  append(hn::IfThenZeroElse(for_uints(vertices.at_boundary), interaction),
+         outline_rays.rays.interaction);
   append(kMaxOpticalDepth * free_path_of(wavefront.media, vertices.medium),
-         to.rays.max_medium_length);
-  if (to.rays.bounded) append(distance, to.rays.distance);
+         outline_rays.rays.max_medium_length);
+  if (outline_rays.rays.bounded) append(distance, outline_rays.rays.distance);
   for (size_t p = 0; p < places.size(); ++p) {
     append(light * dot(outline.growth, set(wavefront.collected.light_places.axis(places[p]))),
-           to.light[p]);
+           outline_rays.light[p]);
   }
-  append(slots_from(i), to.slot);
-  to.count += hn::CountTrue(FloatTag(), where);
+  append(slots_from(i), outline_rays.slot);
+  outline_rays.count += hn::CountTrue(FloatTag(), where);
 }
 
 inline void send_outline_rays(Wavefront& wavefront, size_t i, const Vertices& vertices) {
@@ -53,20 +54,21 @@ inline void send_outline_rays(Wavefront& wavefront, size_t i, const Vertices& ve
   const Vectors position =
       if_then_else(sends, load(wavefront.paths.rays.position, i), set(Vec3f{}));
   const Words words = random(wavefront, i, load(wavefront.paths.vertex, i), Sampler::kOutline);
-  for (LightPlaces::Outlined& of : wavefront.collected.light_places.outlined()) {
-    visit_kind(of.light.kind, [&]<typename Kind>(const Kind& kind) {
+  for (LightPlaces::Outlined& outlined : wavefront.collected.light_places.outlined()) {
+    visit_kind(outlined.light.kind, [&]<typename Kind>(const Kind& kind) {
       if constexpr (OutlinedLight<Kind>) {
         for (const bool opposite : {false, true}) {
           const Outline place = outline(kind, position, uniform(words.w[0]), opposite);
           const Floats value = evaluate_turn(wavefront, vertices, place.direction).value;
-          const Appearance behind = look(lights, position, place.direction, NoParts(), &of.light);
+          const Appearance behind =
+              look(lights, position, place.direction, NoParts(), &outlined.light);
           const Mask shows = sends & (behind.distance >= place.distance);
-          OutlineRays* const rays = &of.rays[opposite ? 2 : 0];
+          OutlineRays* const rays = &outlined.rays[opposite ? 2 : 0];
           add_outline_rays(wavefront, rays[0], i, vertices, shows, place, place.distance,
-                           value * place.radiance, of.places);
+                           value * place.radiance, outlined.places);
           if constexpr (VisibleLamp<Kind>) {
             add_outline_rays(wavefront, rays[1], i, vertices, shows, place, behind.distance,
-                             -(value * behind.emission.radiance), of.places);
+                             -(value * behind.emission.radiance), outlined.places);
           }
         }
       }
@@ -78,21 +80,22 @@ inline void send_outline_rays(Wavefront& wavefront, size_t i, const Vertices& ve
 inline void trace_outline_rays(Wavefront& wavefront) {
   Paths& paths = wavefront.paths;
   const FloatTag d;
-  for (LightPlaces::Outlined& of : wavefront.collected.light_places.outlined()) {
-    for (OutlineRays& rays : of.rays) {
+  for (LightPlaces::Outlined& outlined : wavefront.collected.light_places.outlined()) {
+    for (OutlineRays& rays : outlined.rays) {
       follow_lines(wavefront.scene.obstacles, rays.rays, rays.count, Report::kLengths,
                    wavefront.at_boundary());
       for (size_t i = 0; i < rays.count; i += lanes()) {
         const Mask live = hn::FirstN(d, rays.count - i);
         const Uints end = load(rays.rays.outcome, i) & set(Rays::kEndMask);
-        const SlotGather at{slots_in(rays.slot, i, live)};
-        mark_leaked(paths, live & equals(end, Rays::kLeaked), at.slots);
+        const SlotGather path{slots_in(rays.slot, i, live)};
+        mark_leaked(paths, live & equals(end, Rays::kLeaked), path.slots);
         const Mask arrived = live & equals(end, Rays::kEscaped);
-        const Floats part = part_arriving(wavefront, wavefront.medium_in(at.slots),
+        const Floats part = part_arriving(wavefront, wavefront.medium_in(path.slots),
                                           load(rays.rays.medium_length, i));
-        const Floats weight = hn::IfThenElseZero(arrived, at.get(paths.weight) * part);
-        for (size_t p = 0; p < of.places.size(); ++p) {
-          wavefront.collected.light_places.add(at, weight * load(rays.light[p], i), of.places[p]);
+        const Floats weight = hn::IfThenElseZero(arrived, path.get(paths.weight) * part);
+        for (size_t p = 0; p < outlined.places.size(); ++p) {
+          wavefront.collected.light_places.add(path, weight * load(rays.light[p], i),
+                                               outlined.places[p]);
         }
       }
       rays.count = 0;

@@ -109,11 +109,9 @@ inline void send_refracted_rays(Wavefront& wavefront, size_t i, Mask scattered, 
     where = hn::AndNot(limit_mm < least_depth(wavefront, position), where);
 
   const Append append{where, refracted.count};
-  append(position, refracted.rays.position);
-  append(direction, refracted.rays.direction);
-  append(set(Rays::kInside), refracted.rays.interaction);
-  append(wavefront.searches_facets ? longest_search(wavefront, medium) : limit_mm,
-         refracted.rays.max_medium_length);
+  append_inside(append, position, direction,
+                wavefront.searches_facets ? longest_search(wavefront, medium) : limit_mm,
+                refracted.rays);
   append(slots_from(i), refracted.slot);
   append(importance, refracted.importance);
   append(light.pdf, refracted.light_pdf);
@@ -210,14 +208,14 @@ inline void leave(Wavefront& wavefront, const RefractedRays& refracted, size_t i
   const Floats zero = hn::Zero(d);
   const Vectors direction = load(refracted.rays.direction, i);
   const Vectors flat_normal = load(wavefront.crossings.normal, i);
-  const Crossing at = crossing_of(
+  const Crossing crossing = crossing_of(
       direction, load(wavefront.crossings.smooth_normal, i), flat_normal, hn::FirstN(d, lanes()),
       wavefront.scene.obstacles.corner_normals.flat(), wavefront.boundary_derivatives);
   const Floats length = load(refracted.rays.medium_length, i);
   const Floats arriving = part_arriving(wavefront, medium, length);
   const Exit exit = wavefront.boundary_is_delta
-                        ? exit_of_smooth(wavefront, refracted, i, medium, at, arriving, where)
-                        : exit_of_rough(wavefront, refracted, i, medium, at, arriving);
+                        ? exit_of_smooth(wavefront, refracted, i, medium, crossing, arriving, where)
+                        : exit_of_rough(wavefront, refracted, i, medium, crossing, arriving);
   where &= (dot(flat_normal, exit.to_light) > 0) & (exit.per_radiance > 0);
   const Mask from_far = (load(refracted.light_pdf, i) > 0) & hn::Eq(exit.distance, set(kInfinity));
   const size_t of_phase = wavefront.collected.scores.phase_count();
@@ -254,10 +252,8 @@ inline void add_aimed(Wavefront& wavefront, size_t i, Uints medium, Mask where,
   const PhaseValue phase =
       evaluate_phase(wavefront.media, medium, dot(load(refracted.before, i), aimed.direction));
   const Append append{where, again.count};
-  append(load(refracted.origin, i), again.rays.position);
-  append(aimed.direction, again.rays.direction);
-  append(set(Rays::kInside), again.rays.interaction);
-  append(load(refracted.limit, i), again.rays.max_medium_length);
+  append_inside(append, load(refracted.origin, i), aimed.direction, load(refracted.limit, i),
+                again.rays);
   append(load(refracted.slot, i), again.slot);
   append(load(refracted.importance, i), again.importance);
   append(phase.value, again.phase);

@@ -17,7 +17,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 // Sends rays from paths that leave the medium through a smooth boundary to find out whether a
 // refracted one would have gone there (check_odds), and then, with which odds.
 inline void send_odds(Wavefront& wavefront, size_t i, Mask leaving, Uints medium,
-                      const Crossing& at) {
+                      const Crossing& crossing) {
   Paths& paths = wavefront.paths;
   OddsRays& refracted = wavefront.odds_rays;
   const FloatTag d;
@@ -33,7 +33,7 @@ inline void send_odds(Wavefront& wavefront, size_t i, Mask leaving, Uints medium
   const Plane plane{if_then_else(where, load(normals, i), up), index};
   const Vectors inner = load(paths.rays.direction, i);
   const Aim along = aim_along(plane, inner);
-  const auto [outer, reflected] = transmit_boundary(wavefront.media, medium, at);
+  const auto [outer, reflected] = transmit_boundary(wavefront.media, medium, crossing);
   where &= along.possible;
   Vectors to_light = if_then_else(where, along.direction, up);
   Floats by_drawn = along.inner_by_outer, far = zero;
@@ -68,10 +68,7 @@ inline void send_odds(Wavefront& wavefront, size_t i, Mask leaving, Uints medium
       (1 - reflected) * part_arriving(wavefront, medium, load(paths.rays.medium_length, i));
   const Mask asked = where & (pdf > 0);
   const Append append{asked, refracted.count};
-  append(x, refracted.rays.position);
-  append(search, refracted.rays.direction);
-  append(set(Rays::kInside), refracted.rays.interaction);
-  append(longest_search(wavefront, medium), refracted.rays.max_medium_length);
+  append_inside(append, x, search, longest_search(wavefront, medium), refracted.rays);
   append(slots_from(i), refracted.slot);
   append(pdf / (walk_pdf * arriving), refracted.odds);
   append(x, refracted.origin);
@@ -93,10 +90,8 @@ inline void send_lobe_odds(Wavefront& wavefront, OddsRays& refracted, size_t i, 
   const Vectors x = scattered_at(wavefront.paths, i), outer = target.direction();
   const Aim aim = first_aim(wavefront, medium, x, outer);
   const Append append{where, refracted.count};
-  append(x, refracted.rays.position);
-  append(if_then_else(aim.possible, aim.direction, outer), refracted.rays.direction);
-  append(set(Rays::kInside), refracted.rays.interaction);
-  append(longest_search(wavefront, medium), refracted.rays.max_medium_length);
+  append_inside(append, x, if_then_else(aim.possible, aim.direction, outer),
+                longest_search(wavefront, medium), refracted.rays);
   append(slots_from(i), refracted.slot);
   append(arrival * per, refracted.odds);
   append(x, refracted.origin);

@@ -53,17 +53,17 @@ HWY_INLINE Vertices vertices_of(const Wavefront& wavefront, size_t i, Mask in_me
     const Floats zero = hn::Zero(d);
     const auto reflects = for_uints(on_surface);
     const Uints triangle = surface_of(load(paths.rays.interaction, i));
-    const Ints at = hn::BitCast(IntTag(), hn::IfThenElseZero(reflects, triangle));
+    const Ints number = hn::BitCast(IntTag(), hn::IfThenElseZero(reflects, triangle));
     vertices.triangles =
         hn::BitCast(IntTag(), hn::IfThenElse(reflects, triangle, set(Surfaces::kNone)));
-    Floats reflectance = gather(surfaces.reflectances.data(), at);
+    Floats reflectance = gather(surfaces.reflectances.data(), number);
     for (const Surfaces::Pattern& pattern : surfaces.patterned) {
       reflectance = hn::IfThenElse(
           among(pattern.triangles, vertices.triangles),
           reflectance_at(pattern.reflectance, load(paths.rays.position, i)), reflectance);
     }
     vertices.factor = hn::IfThenElse(on_surface, reflectance, vertices.factor);
-    const Vectors normal = gather(surfaces.normals, at);
+    const Vectors normal = gather(surfaces.normals, number);
     const Mask flip = dot(normal, before) >= 0;
     const auto facing = [&](Vectors n) {
       return if_then_else(flip, Vectors{zero, zero, zero} - n, n);
@@ -71,7 +71,7 @@ HWY_INLINE Vertices vertices_of(const Wavefront& wavefront, size_t i, Mask in_me
     vertices.axis = if_then_else(on_surface, facing(normal), before);
     if (surfaces.smooth()) {
       vertices.flat_normal = vertices.axis;
-      const Vectors smooth = smooth_normal_at(surfaces, at, load(paths.rays.position, i));
+      const Vectors smooth = smooth_normal_at(surfaces, number, load(paths.rays.position, i));
       vertices.axis = if_then_else(on_surface, facing(smooth), before);
     }
   }
@@ -104,13 +104,13 @@ inline void send_walk_odds(Wavefront& wavefront, size_t i, Mask where, const Ver
 }
 
 // Remembers how paths cross the boundary, for a gradient in its normals.
-inline void note_turns(Wavefront& wavefront, size_t i, Mask where, const Crossing& at,
+inline void note_turns(Wavefront& wavefront, size_t i, Mask where, const Crossing& crossing,
                        const BoundarySample& next, Mask edge) {
   Paths& paths = wavefront.paths;
   const Mask goes_on = edge | (next.weight > 0);
   const Mask scored = dot(next.by_normal, next.by_normal) > 0;
   VectorColumn score;
-  store(slope_outwards(at, next.by_normal), score, 0);
+  store(slope_outwards(crossing, next.by_normal), score, 0);
   const Bits edges = bits_of(edge);
   for (Bits bits = bits_of(where & goes_on & scored); bits != 0; bits &= bits - 1) {
     const auto lane = static_cast<size_t>(std::countr_zero(bits));

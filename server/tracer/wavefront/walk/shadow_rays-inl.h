@@ -36,17 +36,17 @@ HWY_INLINE bool any_refracted(const Wavefront& wavefront, const Vertices& vertic
 // walk, which is mirrored seldom, and may meet a sun then.
 inline void send_mirrored_rays(Wavefront& wavefront, size_t i, const Vertices& vertices) {
   const FloatTag d;
-  const Crossing& at = vertices.crossing;
-  Mask sends = hn::AndNot(at.leaving, vertices.at_boundary);
+  const Crossing& crossing = vertices.crossing;
+  Mask sends = hn::AndNot(crossing.leaving, vertices.at_boundary);
   if (hn::AllFalse(d, sends)) return;
-  const Vectors to_light =
-      if_then_else(sends, on_its_side(at, mirrored(at.direction, at.normal), hn::FirstN(d, 0)),
-                   set(Vec3f{0, 1, 0}));
+  const Vectors to_light = if_then_else(
+      sends, on_its_side(crossing, mirrored(crossing.direction, crossing.normal), hn::FirstN(d, 0)),
+      set(Vec3f{0, 1, 0}));
   const Vectors position =
       if_then_else(sends, load(wavefront.paths.rays.position, i), set(Vec3f{}));
   const Lights& lights = wavefront.scene.lights;
   const auto [distance, light] = look(lights, position, to_light);
-  const Floats reflected = transmit_boundary(wavefront.media, vertices.medium, at).reflected;
+  const Floats reflected = transmit_boundary(wavefront.media, vertices.medium, crossing).reflected;
   const Floats zero = hn::Zero(d), undimmed = light.radiance * reflected;
   if (!wavefront.collected.map_gradient.asked()) sends &= undimmed > 0;
   add_shadow_rays(wavefront, sends,
@@ -86,20 +86,21 @@ HWY_INLINE TurnValue evaluate_turn(const Wavefront& wavefront, const Vertices& v
     turn.value = turn.pdf = hn::IfThenElse(vertices.on_surface, diffuse, phase.value);
   }
   if (vertices.any_at_boundary) {
-    const Crossing& at = vertices.crossing;
+    const Crossing& crossing = vertices.crossing;
     const BoundaryValue boundary =
-        evaluate_boundary(wavefront.media, vertices.medium, at, direction);
-    const Floats side = dot(at.flat_normal, direction);  // outside is above 0, unless it leaves
-    const Mask outside = hn::IfThenElse(at.leaving, -side, side) > 0;
+        evaluate_boundary(wavefront.media, vertices.medium, crossing, direction);
+    const Floats side =
+        dot(crossing.flat_normal, direction);  // outside is above 0, unless it leaves
+    const Mask outside = hn::IfThenElse(crossing.leaving, -side, side) > 0;
     turn.value = hn::IfThenElse(vertices.at_boundary, hn::IfThenElseZero(outside, boundary.value),
                                 turn.value);
     turn.pdf = hn::IfThenElse(vertices.at_boundary, boundary.pdf, turn.pdf);
     for (size_t s = 0; s < kMaxBoundarySlots; ++s) {
       turn.boundary_scores[s] = hn::IfThenElseZero(vertices.at_boundary, boundary.scores[s]);
     }
-    if (at.asked.normal) {
-      turn.normal_score = if_then_else(vertices.at_boundary, slope_outwards(at, boundary.by_normal),
-                                       turn.normal_score);
+    if (crossing.asked.normal) {
+      turn.normal_score = if_then_else(
+          vertices.at_boundary, slope_outwards(crossing, boundary.by_normal), turn.normal_score);
     }
   }
   return turn;

@@ -135,6 +135,15 @@ HWY_INLINE Ints slots_in(const UintColumn& list, size_t i, Mask live) {
   return slots_where(live, load(list, i));
 }
 
+// Adds rays that begin in the medium, and go at most so far in it, in mm.
+HWY_INLINE void append_inside(const Append& append, Vectors position, Vectors direction,
+                              Floats limit, Rays& rays) {
+  append(position, rays.position);
+  append(direction, rays.direction);
+  append(set(Rays::kInside), rays.interaction);
+  append(limit, rays.max_medium_length);
+}
+
 // Shadow rays as they are sent: see ShadowRays.
 struct SentShadowRays {
   Vectors position, direction;

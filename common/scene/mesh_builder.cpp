@@ -1,4 +1,4 @@
-#include "server/scene_compiler/mesh_builder.h"
+#include "common/scene/mesh_builder.h"
 
 #include <fmt/format.h>
 
@@ -10,9 +10,6 @@
 #include "common/error.h"
 #include "common/geometry/shapes.h"
 #include "common/scene/field_check.h"
-#include "common/scene/scene_bytes.h"
-#include "server/scene_compiler/field_reader.h"
-#include "server/tracer/geometry/object.h"
 
 namespace itn {
 namespace {
@@ -107,7 +104,12 @@ Affine build_transforms(const std::string& field, const v1::Mesh& proto, int fir
   return affine;
 }
 
-// The number of the first transform after which all are rotations and translations.
+Pose to_pose(const Affine& m) {
+  return {{{m[0], m[1], m[2]}, {m[4], m[5], m[6]}, {m[8], m[9], m[10]}}, {m[3], m[7], m[11]}};
+}
+
+}  // namespace
+
 int first_of_pose(const v1::Mesh& proto) {
   int first = proto.transforms_size();
   while (first > 0 && (proto.transforms(first - 1).has_rotate() ||
@@ -117,49 +119,22 @@ int first_of_pose(const v1::Mesh& proto) {
   return first;
 }
 
-Pose to_pose(const Affine& m) {
-  return {{{m[0], m[1], m[2]}, {m[4], m[5], m[6]}, {m[8], m[9], m[10]}}, {m[3], m[7], m[11]}};
+Pose pose_of(const std::string& field, const v1::Mesh& proto) {
+  return to_pose(build_transforms(field, proto, first_of_pose(proto), proto.transforms_size()));
 }
 
 uint64_t triangle_count(const v1::Triangles& proto) {
   return proto.indices().size() / sizeof(std::array<uint32_t, 3>);
 }
 
-// The key of all that the object depends on but its pose.
-std::string object_key(const v1::Mesh& proto, int first_of_pose) {
-  v1::Mesh rest;
-  rest.set_normalize(proto.normalize());
-  if (proto.has_builtin()) rest.set_builtin(proto.builtin());
-  for (int i = 0; i < first_of_pose; ++i) *rest.add_transforms() = proto.transforms(i);
-  return "object" + sha256(rest.SerializeAsString()) + sha256(proto.triangles().positions()) +
-         sha256(proto.triangles().indices());
-}
-
-void check_extent(const std::string& field, const Mesh& mesh, const Pose& pose = {}) {
+void check_extent(const std::string& field, const Mesh& mesh, const Pose& pose) {
   for (const Vec3f v : mesh.vertices) {
     check_position(field + ", after its transforms,", pose.to_scene(static_cast<Vec3d>(v)));
   }
 }
 
-Mesh build_rectangle(const std::string& field, const v1::Rectangle& proto) {
-  const Vec3d center = to_vec(proto.center());
-  const Vec3d u = non_zero(field + ".half_u", proto.half_u());
-  const Vec3d v = non_zero(field + ".half_v", proto.half_v());
-  if (!(length(cross(u, v)) > 1e-6 * length(u) * length(v))) {
-    throw invalid_input(fmt::format("{}: half_u and half_v must not be parallel", field));
-  }
-  Mesh mesh;
-  for (const Vec3d corner : {center - u - v, center + u - v, center + u + v, center - u + v}) {
-    mesh.vertices.push_back(static_cast<Vec3f>(check_position(field, corner)));
-  }
-  mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
-  return mesh;
-}
-
-}  // namespace
-
 Mesh MeshBuilder::build(const std::string& field, const v1::Mesh& proto) {
-  Mesh mesh = own_coordinates(field, proto, proto.transforms_size());
+  Mesh mesh = transformed_source(field, proto, proto.transforms_size());
   if (!proto.triangles().corner_normals().empty()) {
     throw invalid_input(field +
                         ".triangles.corner_normals is set; only scene.object may have them");
@@ -168,36 +143,23 @@ Mesh MeshBuilder::build(const std::string& field, const v1::Mesh& proto) {
   return mesh;
 }
 
+Mesh MeshBuilder::build_unposed(const std::string& field, const v1::Mesh& proto) {
+  return transformed_source(field, proto, first_of_pose(proto));
+}
+
 Bounds object_bounds(const std::string& field, const v1::Object& object) {
   return bounds(MeshBuilder(UINT64_MAX).build(field + ".mesh", object.mesh()));
 }
 
-void MeshBuilder::build_object(const std::string& field, const v1::Mesh& proto, PartCache* parts,
-                               tracer::SceneDescription& description) {
-  const int first = first_of_pose(proto);
-  description.pose = to_pose(build_transforms(field, proto, first, proto.transforms_size()));
-  if (parts != nullptr) {
-    description.object_key = object_key(proto, first);
-    description.compiled_object = parts->find<tracer::Object>(description.object_key);
-  }
-  if (description.compiled_object) {
-    const Mesh& mesh = description.compiled_object->mesh;
-    count(proto.has_triangles() ? triangle_count(proto.triangles()) : mesh.triangles.size());
-    check_extent(field, mesh, description.pose);
-  } else {
-    description.object = own_coordinates(field, proto, first);
-    check_extent(field, description.object, description.pose);
-  }
-  if (!proto.triangles().corner_normals().empty()) {
-    const auto& compiled = description.compiled_object;
-    description.corner_normals = corner_normals(
-        field, proto, first, (compiled ? compiled->mesh : description.object).triangles.size());
-  }
+double unposed_size(const std::string& field, const v1::Object& object) {
+  return longest_side(
+      bounds(MeshBuilder(UINT64_MAX).build_unposed(field + ".mesh", object.mesh())));
 }
 
-std::vector<std::array<Vec3f, 3>> MeshBuilder::corner_normals(const std::string& field,
-                                                              const v1::Mesh& proto, int end,
-                                                              size_t triangles) {
+std::vector<std::array<Vec3f, 3>> MeshBuilder::unposed_corner_normals(const std::string& field,
+                                                                      const v1::Mesh& proto,
+                                                                      size_t triangles) {
+  if (proto.triangles().corner_normals().empty()) return {};
   const std::string name = field + ".triangles.corner_normals";
   auto normals = array_of<std::array<Vec3f, 3>>(name, proto.triangles().corner_normals());
   if (normals.size() != triangles || triangles != triangle_count(proto.triangles())) {
@@ -206,7 +168,7 @@ std::vector<std::array<Vec3f, 3>> MeshBuilder::corner_normals(const std::string&
                     "these numbers must be the same",
                     name, normals.size(), triangle_count(proto.triangles()), triangles));
   }
-  const Affine affine = build_transforms(field, proto, 0, end);
+  const Affine affine = build_transforms(field, proto, 0, first_of_pose(proto));
   for (auto& corners : normals) {
     for (Vec3f& n : corners) {
       const double size = length(static_cast<Vec3d>(n));
@@ -222,46 +184,13 @@ std::vector<std::array<Vec3f, 3>> MeshBuilder::corner_normals(const std::string&
   return normals;
 }
 
-tracer::Reflectance build_reflectance(const std::string& field, const v1::Surface& proto) {
-  tracer::UniformReflectance uniform;
-  const FieldReader reader(field, proto);
-  tracer::UniformReflectance::fields(uniform, reader);
-  const auto* pattern = set_field(proto, "pattern");
-  if (pattern == nullptr) return uniform;
-  if (proto.has_reflectance()) {
-    throw invalid_input(
-        fmt::format("{} has reflectance and {}; it must have one of them", field, pattern->name()));
-  }
-  return read_kind<tracer::Reflectance>(field, proto, "pattern");
-}
-
-double build_smooth_angle(const std::string& field, double degrees) {
-  return in_closed(field + ".smooth_angle_degrees", degrees, 0, 180) * kRadiansPerDegree;
-}
-
-tracer::DiffuseSurface MeshBuilder::build_surface(const std::string& field,
-                                                  const v1::Surface& proto) {
-  tracer::DiffuseSurface surface;
-  surface.reflectance = build_reflectance(field, proto);
-  surface.smooth_angle = build_smooth_angle(field, proto.smooth_angle_degrees());
-  switch (proto.shape_case()) {
-    case v1::Surface::kRectangle:
-      count(2);
-      surface.mesh = build_rectangle(field + ".rectangle", proto.rectangle());
-      return surface;
-    case v1::Surface::kMesh: surface.mesh = build(field + ".mesh", proto.mesh()); return surface;
-    case v1::Surface::SHAPE_NOT_SET: break;
-  }
-  throw missing(field + ": one of rectangle and mesh");
-}
-
 void MeshBuilder::count(uint64_t triangles) {
   triangles_ += triangles;
   within_limit("the number of triangles of the scene", triangles_, max_triangles_);
 }
 
 // After normalisation and the transforms before number `end`.
-Mesh MeshBuilder::own_coordinates(const std::string& field, const v1::Mesh& proto, int end) {
+Mesh MeshBuilder::transformed_source(const std::string& field, const v1::Mesh& proto, int end) {
   Mesh mesh = source(field, proto);
   if (proto.normalize()) mesh = normalized(mesh);
   if (end == 0) return mesh;

@@ -1,4 +1,4 @@
-#include "server/tracer/film/weighted_image_loss.h"
+#include "server/render/weighted_image_loss.h"
 
 #include <fmt/format.h>
 
@@ -8,7 +8,7 @@
 
 #include "common/error.h"
 
-namespace itn::tracer {
+namespace itn {
 namespace {
 
 void check_sizes(std::span<const float> image, std::span<const float> weight,
@@ -101,4 +101,4 @@ std::vector<float> loss_sampling_weights(std::span<const float> image,
   return result;
 }
 
-}  // namespace itn::tracer
+}  // namespace itn

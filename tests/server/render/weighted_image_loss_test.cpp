@@ -1,4 +1,4 @@
-#include "server/tracer/film/weighted_image_loss.h"
+#include "server/render/weighted_image_loss.h"
 
 #include <cmath>
 #include <random>
@@ -7,7 +7,7 @@
 
 #include "common/error.h"
 
-namespace itn::tracer {
+namespace itn {
 namespace {
 
 constexpr size_t kPixels = 12;
@@ -192,4 +192,4 @@ TEST(LossImportanceTest, FollowsWeightAndImage) {
 }
 
 }  // namespace
-}  // namespace itn::tracer
+}  // namespace itn

@@ -5,18 +5,9 @@
 #include <span>
 #include <vector>
 
-#include "server/tracer/film/film.h"
+#include "common/render_estimate.h"
 
-namespace itn::tracer {
-
-// One estimate of the image T, and of its derivatives with respect to any parameters; all per
-// pixel.
-using RenderEstimate = RenderedImages::Estimate;
-
-struct LossWithGradient {
-  double value = 0;
-  std::vector<double> gradient;  // in the order of the estimates' derivatives
-};
+namespace itn {
 
 // Che et al., ICCP 2020, Eq. 10, over the input's weighted energy, so that it is a relative squared
 // error that does not depend on exposure or on how large the object is:
@@ -52,4 +43,4 @@ LossWithGradient weighted_image_loss(std::span<const float> image, std::span<con
 std::vector<float> loss_sampling_weights(std::span<const float> image,
                                          std::span<const float> weight);
 
-}  // namespace itn::tracer
+}  // namespace itn
