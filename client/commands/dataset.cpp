@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "client/commands/command.h"
+#include "client/commands/config_flags.h"
 #include "client/commands/options.h"
 #include "client/dataset/dataset_config.h"
 #include "client/dataset/dataset_render.h"
@@ -33,28 +34,15 @@
 namespace itn {
 namespace {
 
+using Config = v1::DatasetConfig;
+
 struct DatasetOptions {
+  explicit DatasetOptions(CLI::App& command) : changes(command) {}
+
   std::string folder;
   std::string config, preset;
+  ConfigFlags<v1::DatasetConfig> changes;  // of what file, preset or dataset say
   bool print_config = false;
-  std::string shapes;  // folder
-  bool repair = false;
-  uint32_t random_shapes = 0;
-  uint64_t shape_seed = 0;
-  std::string panoramas;  // folder
-  std::vector<std::string> test_shapes, validation_shapes;
-  uint32_t count = 0;
-  bool grid = false;
-  bool random = false;
-  bool rotate = false;
-  bool derivatives = false;
-  uint32_t resolution = 0;
-  uint32_t spp = 0;
-  std::string noise;
-  uint64_t seed = 0;
-  double test_fraction = 0, validation_fraction = 0;
-  std::vector<double> train_azimuths, test_azimuths;
-  std::pair<double, double> sigma_t, albedo, g;
   WorkerFlags workers;
   bool json = false;
 };
@@ -98,91 +86,26 @@ v1::PanoramaChoice& panoramas_in(v1::DatasetConfig& config) {
   return *config.add_lights()->mutable_panoramas();
 }
 
-void set_samples(const DatasetOptions& options, const CLI::App& command,
-                 v1::DatasetConfig& config) {
-  if (command.count("--spp") > 0) {
-    config.set_spp(options.spp);
-    config.clear_noise();
-  }
-  if (command.count("--noise") > 0) {
-    config.mutable_noise()->set_target(noise_of(options.noise));
-    config.clear_spp();
-  }
-}
-
-void set_materials(const DatasetOptions& options, const CLI::App& command,
-                   v1::DatasetConfig& config) {
+// The materials of Che et al. 2020, whose number follows.
+void set_grid(v1::DatasetConfig& config) {
   v1::MaterialChoice& materials = *config.mutable_materials();
-  if (options.grid) {
-    materials.set_sampling(v1::MaterialChoice::GRID);
-    *materials.mutable_sigma_t() = list_of({30, 36, 44, 54, 67, 82, 100, 122, 150, 184, 225, 276});
-    *materials.mutable_albedo() = list_of({0.39, 0.59, 0.74, 0.87, 0.95});
-    *materials.mutable_g() = list_of({0, 0.2, 0.4, 0.6, 0.8});
-    config.set_count(0);
-  }
-  if (options.random) materials.set_sampling(v1::MaterialChoice::RANDOM);
-  if (command.count("--sigma-t") > 0) {
-    *materials.mutable_sigma_t() = log_uniform(options.sigma_t.first, options.sigma_t.second);
-  }
-  if (command.count("--albedo") > 0) {
-    *materials.mutable_albedo() = uniform(options.albedo.first, options.albedo.second);
-  }
-  if (command.count("--g") > 0) *materials.mutable_g() = uniform(options.g.first, options.g.second);
-}
-
-void set_splits(const DatasetOptions& options, const CLI::App& command, v1::DatasetConfig& config) {
-  if (command.count("--test-fraction") > 0) config.set_test_fraction(options.test_fraction);
-  if (command.count("--validation-fraction") > 0) {
-    config.set_validation_fraction(options.validation_fraction);
-  }
-  const auto assign = [](auto* field, const std::vector<std::string>& names) {
-    if (!names.empty()) field->Assign(names.begin(), names.end());
-  };
-  assign(config.mutable_test_shapes(), options.test_shapes);
-  assign(config.mutable_validation_shapes(), options.validation_shapes);
-  if (!options.train_azimuths.empty()) {
-    for (v1::SunSkyChoice* sun : suns_of(config, "--train-azimuths")) {
-      *sun->mutable_azimuth_degrees() = list_of(options.train_azimuths);
-    }
-  }
-  if (!options.test_azimuths.empty()) {
-    for (v1::SunSkyChoice* sun : suns_of(config, "--test-azimuths")) {
-      *sun->mutable_test_azimuth_degrees() = list_of(options.test_azimuths);
-    }
-  }
+  materials.set_sampling(v1::MaterialChoice::GRID);
+  *materials.mutable_sigma_t() = list_of({30, 36, 44, 54, 67, 82, 100, 122, 150, 184, 225, 276});
+  *materials.mutable_albedo() = list_of({0.39, 0.59, 0.74, 0.87, 0.95});
+  *materials.mutable_g() = list_of({0, 0.2, 0.4, 0.6, 0.8});
+  config.set_count(0);
 }
 
 // What the flags say, over the file or the preset; of a dataset that is continued without one of
 // these, over what it has.
-v1::DatasetConfig config_of(const DatasetOptions& options, const CLI::App& command,
+v1::DatasetConfig config_of(const DatasetOptions& options,
                             const std::optional<v1::Dataset>& existing) {
   const bool is_new = !options.config.empty() || !options.preset.empty() || !existing;
   v1::DatasetConfig config = !options.config.empty()   ? load_dataset_config(options.config)
                              : !options.preset.empty() ? preset_config(options.preset)
                              : existing                ? existing->config()
                                                        : preset_config("paper");
-  if (!options.shapes.empty()) {
-    config.mutable_shapes()->mutable_folder()->set_path(options.shapes);
-    config.mutable_shapes()->mutable_folder()->set_repair(options.repair);
-  }
-  if (command.count("--random-shapes") > 0) {
-    config.mutable_shapes()->mutable_random()->set_count(options.random_shapes);
-  }
-  if (command.count("--shape-seed") > 0) {
-    config.mutable_shapes()->mutable_random()->set_seed(options.shape_seed);
-  }
-  if (!options.panoramas.empty()) panoramas_in(config).set_folder(options.panoramas);
-  if (command.count("--count") > 0) config.set_count(options.count);
-  if (command.count("--seed") > 0) config.set_seed(options.seed);
-  if (command.count("--resolution") > 0) config.set_resolution(options.resolution);
-  if (options.derivatives) config.set_derivatives(true);
-  if (options.rotate) {
-    config.mutable_pose()->Clear();
-    config.mutable_pose()->set_turned(1);
-  }
-  set_samples(options, command, config);
-  set_materials(options, command, config);
-  set_splits(options, command, config);
+  options.changes.apply_to(config);
   set_defaults(config);
   if (is_new) validate(config);
   return config;
@@ -196,10 +119,9 @@ std::optional<v1::Dataset> manifest_in(const std::string& folder) {
 
 // The shapes and panoramas of a dataset that is there are those that it holds, where nothing says
 // otherwise; render_dataset() says what differs.
-DatasetPlan plan_of(const DatasetOptions& options, const CLI::App& command,
-                    v1::DatasetSummary& summary) {
+DatasetPlan plan_of(const DatasetOptions& options, v1::DatasetSummary& summary) {
   const std::optional<v1::Dataset> existing = manifest_in(options.folder);
-  const v1::DatasetConfig config = config_of(options, command, existing);
+  const v1::DatasetConfig config = config_of(options, existing);
   const bool names_shapes =
       config.shapes().has_folder() && !config.shapes().folder().path().empty();
   const v1::PanoramaChoice* choice = panoramas_of(config);
@@ -283,7 +205,7 @@ void print_config(const DatasetOptions& options, const CLI::App& command) {
   if (!changes_preset(command)) {
     print_result("{}", find_preset(options.preset.empty() ? "paper" : options.preset).file);
   } else {
-    print_result("{}", to_text_proto(config_of(options, command, std::nullopt)));
+    print_result("{}", to_text_proto(config_of(options, std::nullopt)));
   }
 }
 
@@ -294,7 +216,7 @@ void run(const DatasetOptions& options, const CLI::App& command) {
   check_folder_writable(options.folder);
   v1::DatasetSummary summary;
   summary.set_folder(options.folder);
-  DatasetPlan plan = plan_of(options, command, summary);
+  DatasetPlan plan = plan_of(options, summary);
   describe(plan.manifest, summary);
   RenderPool pool(options.workers.pool_options());
   const DatasetProgress rendered = render(options, std::move(plan), pool);
@@ -308,14 +230,189 @@ void run(const DatasetOptions& options, const CLI::App& command) {
   options.json ? print_result("{}\n", to_json(summary)) : print(summary);
 }
 
+void add_shape_flags(ConfigFlags<Config>& changes) {
+  CLI::Option* folder = changes.add<std::string>(
+      "--shapes",
+      [](Config& config, const std::string& path) {
+        config.mutable_shapes()->mutable_folder()->set_path(path);
+      },
+      "Folder of closed PLY, OBJ or STL meshes; without: the built-in shapes");
+  CLI::Option* random = changes
+                            .add<uint32_t>(
+                                "--random-shapes",
+                                [](Config& config, uint32_t count) {
+                                  config.mutable_shapes()->mutable_random()->set_count(count);
+                                },
+                                "Instead: this many of an endless family of random shapes")
+                            ->excludes(folder);
+  changes
+      .add<uint64_t>(
+          "--shape-seed",
+          [](Config& config, uint64_t seed) {
+            config.mutable_shapes()->mutable_random()->set_seed(seed);
+          },
+          "Of random shapes: another one gives others. --seed does not: datasets of two "
+          "seeds share the shapes that they both have, and a test of shapes that training "
+          "has not seen needs another --shape-seed")
+      ->check(kAnySeed)
+      ->needs(random)
+      ->default_str("0");
+  changes.add<std::string>(
+      "--panoramas",
+      [](Config& config, const std::string& path) { panoramas_in(config).set_folder(path); },
+      "Folder of HDR panoramas (EXR, latitude-longitude): one more of the lights, "
+      "of weight 1, unless the dataset file has them");
+  changes.add_switch(
+      "--repair",
+      [](Config& config, bool repair) {
+        if (config.shapes().has_folder()) {
+          config.mutable_shapes()->mutable_folder()->set_repair(repair);
+        }
+      },
+      "Close meshes of --shapes that are nearly closed: weld cracks, fill holes, turn "
+      "triangles; says what it changed");
+  changes
+      .add<std::vector<std::string>>(
+          "--test-shapes",
+          [](Config& config, const std::vector<std::string>& names) {
+            config.mutable_test_shapes()->Assign(names.begin(), names.end());
+          },
+          "Names of the shapes to test with, separated by commas; without: a random choice")
+      ->delimiter(',');
+  changes
+      .add<std::vector<std::string>>(
+          "--validation-shapes",
+          [](Config& config, const std::vector<std::string>& names) {
+            config.mutable_validation_shapes()->Assign(names.begin(), names.end());
+          },
+          "Likewise for validation")
+      ->delimiter(',');
+}
+
+void add_image_flags(ConfigFlags<Config>& changes) {
+  CLI::Option* count = changes
+                           .add<uint32_t>("--count", &Config::set_count,
+                                          "Images, of all splits together; default 400, or as the "
+                                          "preset says. A dataset that is there "
+                                          "may be given more")
+                           ->check(number_in(2U, UINT32_MAX));
+  CLI::Option* grid = changes
+                          .add_switch(
+                              "--grid", [](Config& config, bool /*grid*/) { set_grid(config); },
+                              "All 300 materials of Che et al. 2020 for every shape and azimuth")
+                          ->excludes(count);
+  changes
+      .add_switch(
+          "--random",
+          [](Config& config, bool /*random*/) {
+            config.mutable_materials()->set_sampling(v1::MaterialChoice::RANDOM);
+          },
+          "Independent materials rather than evenly spread ones")
+      ->excludes(grid);
+  changes.add_switch(
+      "--rotate",
+      [](Config& config, bool /*rotate*/) {
+        config.mutable_pose()->Clear();
+        config.mutable_pose()->set_turned(1);
+      },
+      "Turn each object about +y by a random angle");
+  changes.add<uint32_t>("--resolution", &Config::set_resolution, "Pixels a side; default 128")
+      ->check(one_of({"16", "32", "64", "128", "256"}));
+  CLI::Option* spp = changes
+                         .add<uint32_t>(
+                             "--spp",
+                             [](Config& config, uint32_t samples) {
+                               config.set_spp(samples);
+                               config.clear_noise();
+                             },
+                             "Samples per pixel; default 256")
+                         ->check(kSppRange);
+  changes
+      .add<std::string>(
+          "--noise",
+          [](Config& config, const std::string& noise) {
+            config.mutable_noise()->set_target(noise_of(noise));
+            config.clear_spp();
+          },
+          "Instead: as many samples for each image as bring its relative noise to this, "
+          "e.g. 5%")
+      ->excludes(spp);
+  changes.add_switch("--derivatives", &Config::set_derivatives,
+                     "Derivative images, too, in sigma_t, albedo and g, for itn train "
+                     "--first-order-step: 1.2 times the time, five times the room");
+  changes
+      .add<uint64_t>("--seed", &Config::set_seed,
+                     "Of all choices but the random shapes (--shape-seed); default 0")
+      ->check(kAnySeed);
+  changes
+      .add<double>("--test-fraction", &Config::set_test_fraction,
+                   "Of shapes and images; default 0.25")
+      ->check(number_in(0.0, 1.0, Ends::kExcluded));
+  changes
+      .add<double>("--validation-fraction", &Config::set_validation_fraction,
+                   "Likewise, 0 for none; default 0.1")
+      ->check(number_in(0.0, 0.99));
+  changes
+      .add<std::vector<double>>(
+          "--train-azimuths",
+          [](Config& config, const std::vector<double>& azimuths) {
+            for (v1::SunSkyChoice* sun : suns_of(config, "--train-azimuths")) {
+              *sun->mutable_azimuth_degrees() = list_of(azimuths);
+            }
+          },
+          "Of the sun, in degrees, separated by commas; default 0,30,60,90")
+      ->check(number_in(-360.0, 360.0))
+      ->delimiter(',');
+  changes
+      .add<std::vector<double>>(
+          "--test-azimuths",
+          [](Config& config, const std::vector<double>& azimuths) {
+            for (v1::SunSkyChoice* sun : suns_of(config, "--test-azimuths")) {
+              *sun->mutable_test_azimuth_degrees() = list_of(azimuths);
+            }
+          },
+          "Likewise; default 10,20,40,50,70,80")
+      ->check(number_in(-360.0, 360.0))
+      ->delimiter(',');
+  using Range = std::pair<double, double>;
+  const auto add_range = [&](const char* flag, auto change, const std::string& description,
+                             const CLI::Validator& limits) {
+    const auto of_materials = [change](Config& config, const Range& range) {
+      change(*config.mutable_materials(), range);
+    };
+    changes.add<Range>(flag, of_materials, description)
+        ->type_name("MIN MAX")
+        ->check(limits)
+        ->excludes(grid);
+  };
+  add_range(
+      "--sigma-t",
+      [](v1::MaterialChoice& materials, const Range& range) {
+        *materials.mutable_sigma_t() = log_uniform(range.first, range.second);
+      },
+      "Of the materials, in 1/mm, log-uniform; default 30 276", number_in(kMinSigmaT, kMaxSigmaT));
+  add_range(
+      "--albedo",
+      [](v1::MaterialChoice& materials, const Range& range) {
+        *materials.mutable_albedo() = uniform(range.first, range.second);
+      },
+      "Of the materials, uniform; default 0.39 0.95", number_in(0.0, 1.0));
+  add_range(
+      "--g",
+      [](v1::MaterialChoice& materials, const Range& range) {
+        *materials.mutable_g() = uniform(range.first, range.second);
+      },
+      "Of the materials, uniform; default 0 0.8", number_in(-kMaxAbsG, kMaxAbsG));
+}
+
 }  // namespace
 
 void add_dataset_command(CLI::App& app) {
-  const auto options = std::make_shared<DatasetOptions>();
   CLI::App* command = app.add_subcommand("dataset",
                                          "Render images with known materials; the same command, or "
                                          "one with the folder alone, continues "
                                          "what was stopped");
+  const auto options = std::make_shared<DatasetOptions>(*command);
   command->add_option("folder", options->folder, "Folder to write");
   CLI::Option* config =
       command->add_option("--config", options->config,
@@ -330,96 +427,8 @@ void add_dataset_command(CLI::App& app) {
       ->excludes(config);
   command->add_flag("--print-config", options->print_config,
                     "Print the dataset file of the preset and the flags, and do nothing else");
-  CLI::Option* folder =
-      command->add_option("--shapes", options->shapes,
-                          "Folder of closed PLY, OBJ or STL meshes; without: the built-in shapes");
-  CLI::Option* random = command
-                            ->add_option("--random-shapes", options->random_shapes,
-                                         "Instead: this many of an endless family of random shapes")
-                            ->excludes(folder);
-  command
-      ->add_option("--shape-seed", options->shape_seed,
-                   "Of random shapes: another one gives others. --seed does not: datasets of two "
-                   "seeds share the shapes that they both have, and a test of shapes that training "
-                   "has not seen needs another --shape-seed")
-      ->check(kAnySeed)
-      ->needs(random)
-      ->capture_default_str();
-  command->add_option("--panoramas", options->panoramas,
-                      "Folder of HDR panoramas (EXR, latitude-longitude): one more of the lights, "
-                      "of weight 1, unless the dataset file has them");
-  command->add_flag(
-      "--repair", options->repair,
-      "Close meshes of --shapes that are nearly closed: weld cracks, fill holes, turn "
-      "triangles; says what it changed");
-  command
-      ->add_option(
-          "--test-shapes", options->test_shapes,
-          "Names of the shapes to test with, separated by commas; without: a random choice")
-      ->delimiter(',');
-  command->add_option("--validation-shapes", options->validation_shapes, "Likewise for validation")
-      ->delimiter(',');
-  CLI::Option* count = command
-                           ->add_option("--count", options->count,
-                                        "Images, of all splits together; default 400, or as the "
-                                        "preset says. A dataset that is there "
-                                        "may be given more")
-                           ->check(number_in(2U, UINT32_MAX));
-  CLI::Option* grid =
-      command
-          ->add_flag("--grid", options->grid,
-                     "All 300 materials of Che et al. 2020 for every shape and azimuth")
-          ->excludes(count);
-  command
-      ->add_flag("--random", options->random,
-                 "Independent materials rather than evenly spread ones")
-      ->excludes(grid);
-  command->add_flag("--rotate", options->rotate, "Turn each object about +y by a random angle");
-  command->add_option("--resolution", options->resolution, "Pixels a side; default 128")
-      ->check(one_of({"16", "32", "64", "128", "256"}));
-  CLI::Option* spp = command->add_option("--spp", options->spp, "Samples per pixel; default 256")
-                         ->check(kSppRange);
-  command
-      ->add_option("--noise", options->noise,
-                   "Instead: as many samples for each image as bring its relative noise to this, "
-                   "e.g. 5%")
-      ->excludes(spp);
-  command->add_flag("--derivatives", options->derivatives,
-                    "Derivative images, too, in sigma_t, albedo and g, for itn train "
-                    "--first-order-step: 1.2 times the time, five times the room");
-  command
-      ->add_option("--seed", options->seed,
-                   "Of all choices but the random shapes (--shape-seed); default 0")
-      ->check(kAnySeed);
-  command
-      ->add_option("--test-fraction", options->test_fraction, "Of shapes and images; default 0.25")
-      ->check(number_in(0.0, 1.0, Ends::kExcluded));
-  command
-      ->add_option("--validation-fraction", options->validation_fraction,
-                   "Likewise, 0 for none; default 0.1")
-      ->check(number_in(0.0, 0.99));
-  command
-      ->add_option("--train-azimuths", options->train_azimuths,
-                   "Of the sun, in degrees, separated by commas; default 0,30,60,90")
-      ->check(number_in(-360.0, 360.0))
-      ->delimiter(',');
-  command
-      ->add_option("--test-azimuths", options->test_azimuths, "Likewise; default 10,20,40,50,70,80")
-      ->check(number_in(-360.0, 360.0))
-      ->delimiter(',');
-  const auto add_range = [&](const char* flag, std::pair<double, double>& range,
-                             const std::string& description, const CLI::Validator& limits) {
-    command->add_option(flag, range, description)
-        ->type_name("MIN MAX")
-        ->check(limits)
-        ->excludes(grid);
-  };
-  add_range("--sigma-t", options->sigma_t, "Of the materials, in 1/mm, log-uniform; default 30 276",
-            number_in(kMinSigmaT, kMaxSigmaT));
-  add_range("--albedo", options->albedo, "Of the materials, uniform; default 0.39 0.95",
-            number_in(0.0, 1.0));
-  add_range("--g", options->g, "Of the materials, uniform; default 0 0.8",
-            number_in(-kMaxAbsG, kMaxAbsG));
+  add_shape_flags(options->changes);
+  add_image_flags(options->changes);
   add_format_flags(*command, options->json, "itn.v1.DatasetSummary");
   add_worker_flags(*command, options->workers);
   command->callback([options, command] { run(*options, *command); });

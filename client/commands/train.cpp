@@ -56,105 +56,20 @@ class Flags {
   // `base`, but for what is on the command line: that of the run that is resumed, or that of
   // preset and file.
   v1::TrainingConfig applied_to(v1::TrainingConfig config) const {
-    set_network(config);
-    if (given("--loss")) {
-      config.set_loss(options_.loss == "itn" ? v1::TrainingConfig::ITN : v1::TrainingConfig::RN);
-    }
-    if (given("--exposure")) {
-      config.set_exposure(options_.exposure == "unknown" ? v1::EXPOSURE_UNKNOWN
-                                                         : v1::EXPOSURE_KNOWN);
-    }
-    if (given("--schedule")) {
-      config.set_schedule(options_.schedule == "cosine" ? v1::TrainingConfig::COSINE
-                                                        : v1::TrainingConfig::CONSTANT);
-    }
-    if (given("--optimizer")) {
-      config.set_optimizer(options_.optimizer == "muon" ? v1::TrainingConfig::MUON
-                                                        : v1::TrainingConfig::ADAM);
-    }
-    if (given("--precision")) {
-      config.set_precision(options_.precision == "bfloat16" ? v1::TrainingConfig::BFLOAT16
-                                                            : v1::TrainingConfig::FLOAT32);
-    }
-    if (given("--mean-weight")) {
-      config.set_mean_weight(options_.mean_weight);
-    } else if (config.output() == v1::POINT) {
+    options_.changes.apply_to(config);
+    if (!given("--mean-weight") && config.output() == v1::POINT) {
       config.clear_mean_weight();  // the preset's, of another output
     }
-    if (given("--resolution")) config.set_resolution(options_.resolution);
-    if (given("--batch")) config.set_batch(options_.batch);
-    if (given("--learning-rate")) config.set_learning_rate(options_.learning_rate);
-    if (given("--warmup-steps")) config.set_warmup_steps(options_.warmup_steps);
-    if (given("--weight-decay")) config.set_weight_decay(options_.weight_decay);
-    if (given("--max-gradient-norm")) config.set_max_gradient_norm(options_.max_gradient_norm);
-    if (given("--weight-average")) config.set_weight_average_decay(options_.weight_average);
-    if (given("--seed")) config.set_seed(options_.seed);
-    if (given("--spp")) config.set_spp(options_.spp);
-    if (given("--estimates")) config.set_estimates(options_.estimates);
-    if (given("--pilot-spp")) config.set_pilot_spp(options_.pilot_spp);
-    if (options_.lambda) config.set_lambda(*options_.lambda);
-    if (given("--pixel-weights")) {
-      config.set_image_weights(options_.image_weights == "uniform"
-                                   ? v1::TrainingConfig::UNIFORM
-                                   : v1::TrainingConfig::WEIGHT_MAP);
+    if (given("--camera")) {
+      v1::Augmentation& augmentation = *config.mutable_augmentation();
+      augmentation.clear_camera();
+      if (options_.camera) *augmentation.mutable_camera() = default_camera_augmentation();
     }
     clear_unused_loss_fields(config);
-    set_augmentation(*config.mutable_augmentation());
     return config;
   }
 
  private:
-  // What belongs together, unless it is said in particular: a residual network takes ratios and
-  // answers a Gaussian, the paper's takes luminance and weight map and answers a point.
-  void set_network(v1::TrainingConfig& config) const {
-    v1::Architecture& architecture = *config.mutable_architecture();
-    if (given("--architecture")) {
-      const bool residual = options_.architecture == "residual";
-      const v1::TrainingConfig belongs = training_preset(residual ? "residual" : "paper");
-      if (architecture.kind_case() != belongs.architecture().kind_case()) {
-        architecture = belongs.architecture();
-      }
-      config.set_input(belongs.input());
-      config.set_output(belongs.output());
-      config.set_parameterization(belongs.parameterization());
-    }
-    if (architecture.has_residual_convolutions()) {
-      auto& layers = *architecture.mutable_residual_convolutions();
-      if (given("--base-channels")) layers.set_base_channels(options_.base_channels);
-      if (given("--blocks")) layers.set_blocks(options_.blocks);
-    } else if (given("--base-channels")) {
-      architecture.mutable_plain_convolutions()->set_base_channels(options_.base_channels);
-    }
-    if (given("--distribution")) {
-      const bool gaussian = options_.distribution == "gaussian";
-      config.set_output(gaussian ? v1::GAUSSIAN : v1::POINT);
-      config.set_parameterization(gaussian ? v1::UNBOUNDED : v1::SIMILARITY);
-    }
-    if (given("--parameterization")) {
-      config.set_parameterization(options_.parameterization == "naive"        ? v1::NAIVE
-                                  : options_.parameterization == "similarity" ? v1::SIMILARITY
-                                                                              : v1::UNBOUNDED);
-    }
-  }
-
-  void set_augmentation(v1::Augmentation& augmentation) const {
-    if (given("--add-noise")) {
-      augmentation.mutable_noise()->set_min(options_.noise.front());
-      augmentation.mutable_noise()->set_max(options_.noise.back());
-    }
-    if (given("--mirror")) augmentation.set_mirror(options_.mirror);
-    if (given("--shift")) augmentation.set_shift(options_.shift);
-    if (given("--exposure-jitter")) augmentation.set_exposure(options_.exposure_jitter);
-    if (given("--first-order-step")) augmentation.set_first_order_step(options_.first_order_step);
-    if (given("--camera")) {
-      if (options_.camera) {
-        *augmentation.mutable_camera() = default_camera_augmentation();
-      } else {
-        augmentation.clear_camera();
-      }
-    }
-  }
-
   const TrainOptions& options_;
   const CLI::App& command_;
 };
