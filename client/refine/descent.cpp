@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -174,44 +176,95 @@ void Descent::collect_sums() {
     unexplained_.add(image_equations_[i].unexplained_terms(),
                      layout_.of_colour(observations_[i].colour));
   }
-  moments_.clear();
-  for (size_t colour = 0; colour < layout_.colours; ++colour) {
-    ScoreMoments& of_colour = moments_.emplace_back();
-    of_colour.coordinates = layout_.of_colour(colour);
-    const auto n = static_cast<Eigen::Index>(of_colour.coordinates.size());
-    of_colour.sums = Matrix::Zero(n + n * n, n + n * n);
-  }
-  std::vector<double> squares(layout_.colours);
-  for (size_t i = 0; i < image_equations_.size(); ++i) {
-    // What hangs together over more than a square counts as so many squares that are alike.
-    moments_[observations_[i].colour].sums +=
-        image_equations_[i].dependence() * image_equations_[i].moments();
-    squares[observations_[i].colour] += image_equations_[i].squares();
-  }
+  collect_moments();
   collect_model_error();
+}
+
+// A photograph that differs from renders of the truth, as by its shape, does so in all its colours,
+// which are observations of the same name: a square has one term of all of them.
+void Descent::collect_moments() {
+  std::map<std::string, std::vector<size_t>> photographs;
+  for (size_t i = 0; i < observations_.size(); ++i) {
+    photographs[observations_[i].name].push_back(i);
+  }
+  moments_.clear();
+  squares_ = 0;
+  for (const auto& [name, images] : photographs) {
+    squares_ += static_cast<double>(add_moments(images));
+  }
   // Scores at the answer scatter less than at the truth, by as many squares as there are numbers
   // (MacKinnon and White, "Some heteroskedasticity-consistent covariance matrix estimators with
   // improved finite sample properties", Journal of Econometrics 1985, HC1).
-  for (size_t colour = 0; colour < layout_.colours; ++colour) {
-    const double numbers = static_cast<double>(moments_[colour].coordinates.size());
-    const double left = std::max(squares[colour] - numbers, 1.0);
-    moments_[colour].sums *= std::max(squares[colour] / left, 1.0);
-  }
+  const double left = std::max(squares_ - static_cast<double>(layout_.size()), 1.0);
+  for (ScoreMoments& moments : moments_) moments.sums *= std::max(squares_ / left, 1.0);
 }
 
-// A photograph differs alike in its colours, which are observations of the same name.
+// Adds the moments of one photograph, and returns the number of its squares.
+Eigen::Index Descent::add_moments(std::span<const size_t> images) {
+  ScoreMoments& moments = moments_.emplace_back();
+  // The place of each coordinate that the photograph tells of, or none.
+  std::vector<std::optional<Eigen::Index>> places(static_cast<size_t>(layout_.size()));
+  for (Eigen::Index c = 0; c < layout_.size(); ++c) {
+    if (std::ranges::none_of(images, [&](size_t i) { return tells(i, c); })) continue;
+    places[static_cast<size_t>(c)] = std::ssize(moments.coordinates);
+    moments.coordinates.push_back(c);
+  }
+  std::map<std::pair<uint32_t, uint32_t>, Eigen::Index> rows;
+  std::vector<SquareTerms> terms;
+  for (const size_t i : images) {
+    for (const auto& place : terms.emplace_back(image_equations_[i].square_terms()).places) {
+      rows.emplace(place, std::ssize(rows));
+    }
+  }
+  const auto n = std::ssize(moments.coordinates);
+  Eigen::MatrixXd sums = Eigen::MatrixXd::Zero(std::ssize(rows), n + n * n);
+  for (size_t k = 0; k < images.size(); ++k) {
+    const size_t image = images[k];
+    const std::vector<Eigen::Index> coordinates = layout_.of_colour(observations_[image].colour);
+    const auto count = std::ssize(coordinates);
+    // What hangs together over more than a square counts as so many squares that are alike.
+    const double alike = std::sqrt(image_equations_[image].dependence());
+    const auto add = [&](Eigen::Index from, Eigen::Index to) {
+      for (size_t square = 0; square < terms[k].places.size(); ++square) {
+        sums(rows.at(terms[k].places[square]), to) +=
+            alike * terms[k].sums(static_cast<Eigen::Index>(square), from);
+      }
+    };
+    for (Eigen::Index c = 0; c < count; ++c) {
+      const auto row = places[static_cast<size_t>(coordinates[static_cast<size_t>(c)])];
+      if (!row) continue;
+      add(c, *row);
+      for (Eigen::Index d = 0; d < count; ++d) {
+        const auto column = places[static_cast<size_t>(coordinates[static_cast<size_t>(d)])];
+        if (column) add(count + c * count + d, n + *row * n + *column);
+      }
+    }
+  }
+  moments.sums = sums.transpose() * sums;
+  return std::ssize(rows);
+}
+
+bool Descent::tells(size_t image, Eigen::Index coordinate) const {
+  const std::vector<Eigen::Index> seen = layout_.of_colour(observations_[image].colour);
+  if (std::ranges::find(seen, coordinate) == seen.end()) return false;
+  const Eigen::Index disturbance = coordinate - layout_.disturbance(0);
+  return disturbance < 0 ||
+         !observations_[image].disturbances[static_cast<size_t>(disturbance)].empty();
+}
+
+// A photograph differs alike in its colours.
 void Descent::collect_model_error() {
   model_error_ = {};
   if (settings_.model_error() == 0 || !layout_.has_exposure) return;
   const auto side = std::max(1U, static_cast<uint32_t>(settings_.model_error_length() / 2));
   std::map<std::string, GrowthBySquare> photographs;
   for (size_t i = 0; i < image_equations_.size(); ++i) {
-    const std::vector<Eigen::Index> own = layout_.of_colour(observations_[i].colour);
+    const std::vector<Eigen::Index> coordinates = layout_.of_colour(observations_[i].colour);
     GrowthBySquare& squares = photographs[observations_[i].name];
     for (const auto& [place, growth] : image_equations_[i].growth(side, seen_.exposure())) {
       SquareGrowth& square = squares[place];
       if (square.pixels == 0) square.scores = Vector::Zero(layout_.size());
-      square.scores(own) += growth.scores;
+      square.scores(coordinates) += growth.scores;
       square.x += growth.x;
       square.y += growth.y;
       square.pixels += growth.pixels;
@@ -271,12 +324,6 @@ ScoreTest Descent::render_test() const {
   }
   equations.apart = normal_equations_.render_noise;
   return ScoreTest(equations);
-}
-
-double Descent::squares() const {
-  double squares = 0;
-  for (const ImageEquations& equations : image_equations_) squares += equations.squares();
-  return squares;
 }
 
 double Descent::unexplained_part() const {

@@ -45,8 +45,8 @@ class Descent {
   double loss_standard_error() const { return loss_standard_error_; }
   // The part of that loss that the image's own noise explains; 0 if it is not known.
   double noise_loss() const { return noise_loss_; }
-  // Squares of pixels (RefineSettings.block) that count, over all images, and coordinates.
-  double squares() const;
+  // Squares of pixels (RefineSettings.block) that count, over all photographs, and coordinates.
+  double squares() const { return squares_; }
   double numbers() const { return static_cast<double>(x_.size()); }
   // Pixels of an image that no material explains; and which part of all pixels those are.
   std::vector<uint32_t> unexplained_pixels(size_t image) const {
@@ -86,6 +86,10 @@ class Descent {
   // The coordinates of what an image of a colour shows.
   Vector seen_in(const Vector& x, size_t colour) const { return x(layout_.of_colour(colour)); }
   void collect_sums();
+  void collect_moments();
+  Eigen::Index add_moments(std::span<const size_t> images);
+  // Whether an image tells something of a coordinate.
+  bool tells(size_t image, Eigen::Index coordinate) const;
   void collect_model_error();
   ScoreEquations score_equations(size_t colour) const;
   std::vector<KnownStep> known_steps() const;
@@ -101,7 +105,8 @@ class Descent {
   std::vector<ImageEquations> image_equations_;
   NormalEquations normal_equations_;
   NormalEquations unexplained_;        // part of these, of pixels that no material explains
-  std::vector<ScoreMoments> moments_;  // by colour
+  std::vector<ScoreMoments> moments_;  // by photograph
+  double squares_ = 0;                 // of all of them
   Matrix model_error_;                 // covariance of s by RefineSettings.model_error; empty: none
   Vector x_, linearization_point_;
   double samples_ = 0;

@@ -159,10 +159,13 @@ void ImageEquations::weigh_pixels() {
     }
   }
   blocks_.clear();
+  places_.clear();
   std::map<std::pair<uint32_t, uint32_t>, Eigen::Index> numbers;
   for (const uint32_t p : pixels_) {
     const std::pair place{p / width / block_, p % width / block_};
-    blocks_.push_back(numbers.emplace(place, std::ssize(numbers)).first->second);
+    const auto [known, is_new] = numbers.emplace(place, std::ssize(numbers));
+    if (is_new) places_.push_back(place);
+    blocks_.push_back(known->second);
   }
   image_ = at_pixels(observation_.radiance, pixels_);
   disturbances_.clear();
@@ -306,13 +309,13 @@ std::vector<std::vector<double>> ImageEquations::instruments_of(const Estimate& 
 }
 
 ImageEquations::Residuals ImageEquations::evaluate(const Render& render, uint32_t spp,
-                                                   const Linearization& at, bool plain) {
+                                                   const Linearization& linearization, bool plain) {
   if (pixels_.empty()) choose_pixels(render.mask);
-  const size_t coordinates = at.coordinates(), count = pixels_.size();
-  const Plane factors = disturbed(at.disturbances);
+  const size_t coordinates = linearization.coordinates(), count = pixels_.size();
+  const Plane factors = disturbed(linearization.disturbances);
   std::vector<Estimate> estimates;
   for (const RenderEstimate& one : render.estimates) {
-    estimates.push_back(estimate_of(one, at, factors));
+    estimates.push_back(estimate_of(one, linearization, factors));
   }
   const auto k_count = static_cast<double>(estimates.size());
   Residuals residuals;
@@ -578,20 +581,20 @@ NormalEquations ImageEquations::unexplained_terms() const {
   return terms;
 }
 
-Matrix ImageEquations::moments() const {
+SquareTerms ImageEquations::square_terms() const {
   const auto coordinates = static_cast<Eigen::Index>(scores_.size());
-  const Eigen::Index count = blocks_.empty() ? 0 : std::ranges::max(blocks_) + 1;
-  Eigen::MatrixXd terms = Eigen::MatrixXd::Zero(count, coordinates * (1 + coordinates));
+  SquareTerms terms{places_,
+                    Eigen::MatrixXd::Zero(std::ssize(places_), coordinates * (1 + coordinates))};
   Eigen::Index column = 0;
   for (const std::vector<Plane>* planes : {&scores_, &slopes_}) {
     for (const Plane& plane : *planes) {
       for (size_t i = 0; i < plane.size(); ++i) {
-        terms(blocks_[i], column) += robust_weight(i) * plane[i];
+        terms.sums(blocks_[i], column) += robust_weight(i) * plane[i];
       }
       ++column;
     }
   }
-  return terms.transpose() * terms;
+  return terms;
 }
 
 GrowthBySquare ImageEquations::growth(uint32_t side, Eigen::Index exposure) const {

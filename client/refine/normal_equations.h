@@ -98,6 +98,12 @@ using GrowthBySquare = std::map<std::pair<uint32_t, uint32_t>, SquareGrowth>;
 // that is alike over `length` pixels as a Gaussian process is.
 Matrix model_error(const GrowthBySquare& squares, double size, double length);
 
+// Terms of s and H by squares of pixels.
+struct SquareTerms {
+  std::vector<std::pair<uint32_t, uint32_t>> places;  // row and column of each square
+  Eigen::MatrixXd sums;                               // by square: of s, and of H row by row
+};
+
 class ImageEquations {
  public:
   // The observation must outlive it. `block`: in squares of so many pixels a side differences may
@@ -141,9 +147,9 @@ class ImageEquations {
   // What the sums of all that was taken have of these pixels, and should not.
   NormalEquations unexplained_terms() const;
 
-  // Sums over all that was taken, each render's terms times its samples: products of each block's
-  // terms of s and of H, row by row (client/refine/score_test.h).
-  Matrix moments() const;
+  // The terms of s and of H of all that was taken, each render's times its samples, by squares of
+  // block x block pixels.
+  SquareTerms square_terms() const;
 
   // How the sums of s change where the radiance grows by a part of itself, by squares of so many
   // pixels a side. `exposure`: its coordinate.
@@ -154,11 +160,6 @@ class ImageEquations {
   double dependence() const;
 
   size_t pixels() const { return pixels_.size(); }  // that count
-
-  // How many squares of block x block pixels have some that count.
-  double squares() const {
-    return blocks_.empty() ? 0 : 1.0 + static_cast<double>(std::ranges::max(blocks_));
-  }
 
   // The ratio of the sums of image and render.
   double exposure(const Render& render);
@@ -199,8 +200,9 @@ class ImageEquations {
   v1::RefineSettings::Weights weights_;
   uint32_t block_;
   std::vector<uint32_t> pixels_;
-  std::vector<Eigen::Index> blocks_;               // which each pixel is in
-  std::vector<std::vector<uint32_t>> neighbours_;  // of each pixel, itself and those around it
+  std::vector<Eigen::Index> blocks_;                   // which each pixel is in
+  std::vector<std::pair<uint32_t, uint32_t>> places_;  // row and column of each block
+  std::vector<std::vector<uint32_t>> neighbours_;      // of each pixel, itself and those around it
   std::vector<double> image_, fixed_weights_, squared_noise_;  // by pixel that counts
   std::vector<double> map_;                                    // of MAP
   std::vector<std::vector<double>> disturbances_;              // each empty where it has none

@@ -12,13 +12,16 @@ Matrix ScoreTest::score_covariance(const Vector& step) const {
   Matrix sum = equations_.apart.size() > 0 ? equations_.apart : Matrix::Zero(all, all);
   for (const auto& [coordinates, sums] : equations_.moments) {
     const auto n = static_cast<Eigen::Index>(coordinates.size());
-    // From the parts of s and H to those of s - H d.
-    Matrix after = Matrix::Zero(n, n + n * n);
+    // From the parts of s and H to those of s - H d, on both sides.
+    const Vector d = step(coordinates);
+    Matrix half(n, n + n * n), whole(n, n);
     for (Eigen::Index c = 0; c < n; ++c) {
-      after(c, c) = 1;
-      after.block(c, n + c * n, 1, n) = -step(coordinates).transpose();
+      half.row(c) = sums.row(c) - d.transpose() * sums.middleRows(n + c * n, n);
     }
-    sum(coordinates, coordinates) += after * sums * after.transpose();
+    for (Eigen::Index c = 0; c < n; ++c) {
+      whole.col(c) = half.col(c) - half.middleCols(n + c * n, n) * d;
+    }
+    sum(coordinates, coordinates) += whole;
   }
   return sum;
 }

@@ -86,7 +86,9 @@ TEST(ImageEquations, ScoreIsZeroAtTheTruthAndKnowsItsNoise) {
     image_equations.accumulate(second, nowhere, 0, 0);  // its scores alone
     for (size_t c = 0; c < 3; ++c) {
       scores[c].push_back(second.equations.gradient[c]);
-      stated[c].push_back(image_equations.moments()(c, c) / (64 * 64));
+      stated[c].push_back(
+          image_equations.square_terms().sums.col(static_cast<Eigen::Index>(c)).squaredNorm() /
+          (64 * 64));
     }
   }
   for (size_t c = 0; c < 3; ++c) {

@@ -486,26 +486,61 @@ TEST(Refinement, DisturbancesLeaveTheMaterialAlone) {
   EXPECT_LT(inside_without, kImages * 3 / 4);
 }
 
+// Multiplies squares of so many pixels a side by a factor each.
+void make_squares_off(Observation& observation, size_t side, double off, uint64_t seed) {
+  constexpr size_t kSide = SyntheticModel::kSide;
+  Gaussian1D gaussian(seed);
+  std::vector<double> factors;
+  for (size_t b = 0; b < (kSide / side) * (kSide / side); ++b) {
+    factors.push_back(1 + off * gaussian());
+  }
+  for (size_t p = 0; p < observation.radiance.size(); ++p) {
+    const size_t block = p / kSide / side * (kSide / side) + p % kSide / side;
+    observation.radiance[p] *= static_cast<float>(factors[block]);
+  }
+}
+
+// Where the colours of a photograph differ alike over squares, three of them say no more of what
+// they share, as g, than one, and its interval holds.
+TEST(Refinement, SquaresOfColoursHangTogether) {
+  constexpr int kImages = 80;
+  const std::array<Material, 3> truths{{{60, 0.8, 0.3}, {80, 0.7, 0.3}, {45, 0.9, 0.3}}};
+  const SyntheticModel model(0.03);
+  int inside = 0;
+  double together = 0, apart = 0;
+  for (uint64_t i = 0; i < kImages; ++i) {
+    std::vector<Observation> observations;
+    for (size_t c = 0; c < 3; ++c) {
+      observations.push_back(model.observe(truths[c], 0.003, 3 * i + c));
+      observations.back().noise.clear();
+      observations.back().colour = c;
+      make_squares_off(observations.back(), 2, 0.02, 500 + i);
+    }
+    v1::RefineSettings settings;
+    settings.set_seed(i);
+    settings.set_max_spp(1024);
+    settings.set_block(2);
+    const v1::RefinedParameter g = refined(model, observations, settings, {kStart}).g();
+    inside += has(g, 0.3) ? 1 : 0;
+    together += g.standard_deviation();
+    for (size_t c = 0; c < 3; ++c) observations[c].name = std::string(c + 1, 'a');
+    apart += refined(model, observations, settings, {kStart}).g().standard_deviation();
+  }
+  EXPECT_GE(inside, 0.85 * kImages);
+  EXPECT_GT(together, 1.3 * apart);
+}
+
 // Intervals know where differences hang together over more than the squares that count as one, of
 // half that side.
 TEST(Refinement, IntervalsKnowWhatHangsTogetherOverSquares) {
   constexpr int kImages = 100;
-  constexpr size_t kSide = SyntheticModel::kSide, kAlike = 4;
-  constexpr double kOff = 0.02, kNoise = 0.003;
+  constexpr size_t kAlike = 4;
   const SyntheticModel model(0.03);
   std::array<int, 2> inside{};
   for (uint64_t i = 0; i < kImages; ++i) {
-    Observation observation = model.observe(kTruth, kNoise, 100 + i);
+    Observation observation = model.observe(kTruth, 0.003, 100 + i);
     observation.noise.clear();
-    Gaussian1D gaussian(500 + i);
-    std::vector<double> factors;
-    for (size_t b = 0; b < (kSide / kAlike) * (kSide / kAlike); ++b) {
-      factors.push_back(1 + kOff * gaussian());
-    }
-    for (size_t p = 0; p < observation.radiance.size(); ++p) {
-      const size_t block = p / kSide / kAlike * (kSide / kAlike) + p % kSide / kAlike;
-      observation.radiance[p] *= static_cast<float>(factors[block]);
-    }
+    make_squares_off(observation, kAlike, 0.02, 500 + i);
     v1::RefineSettings settings;
     settings.set_seed(i);
     settings.set_max_spp(1024);
