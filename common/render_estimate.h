@@ -6,15 +6,17 @@
 
 namespace itn {
 
-// Means over the samples of one estimate: 0 where there are none. All images have width * height
-// numbers, top row first.
+// An estimate has the means over its samples, which are 0 in pixels without any. Images have width
+// * height numbers, top row first, of radiance or of its derivative by the parameter's unit. All
+// but the radiance is empty unless it was asked for (RenderGradRequest).
 struct RenderEstimate {
   std::vector<float> radiance;
   std::vector<std::vector<float>> derivatives;  // in the order in which they were asked for
   std::vector<std::vector<float>> other_media;  // radiance for each further albedo or colour
   std::vector<double> gradient = {};            // instead of derivatives, in their order
   std::vector<float> map_gradient = {};         // by pixel of the panorama, top row first
-  std::vector<float> normal_gradient = {};      // by triangle of the object, corner and coordinate
+  // In unit normals of the object's boundary: for each triangle, x, y and z at its three corners.
+  std::vector<float> normal_gradient = {};
 };
 
 // The number of samples, of `count`, that belong to estimate k: sample i is of estimate i mod

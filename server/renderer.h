@@ -18,7 +18,8 @@ namespace tracer {
 struct SceneDescription;
 }
 
-// Throws Error (invalid input) unless a worker would render the scene. Paths of files are refused.
+// Throws Error (invalid input, or a limit of workers) unless a worker would render the scene. Paths
+// of files are refused.
 void check_scene(const v1::Scene& scene);
 
 // All names that RenderGradRequest.parameters may have, with K for any number.
@@ -26,18 +27,19 @@ std::vector<std::string> derivative_names();
 // Whether a parameter of such a name is of the medium, rather than of the scene. Throws Error
 // (invalid input), which says what names there are.
 bool is_of_medium(const std::string& parameter);
-// Whether colours that share their paths have derivatives in it. Throws likewise.
+// Whether colours that share their paths have derivatives in a parameter of such a name. Throws
+// Error (invalid input), which says what names there are.
 bool shares_paths(const std::string& parameter);
 
 struct SceneNumber {
-  double value = 0;
+  double value = 0;          // in the unit of its field in scene.proto
   double low = 0, high = 0;  // its range; infinite ends: a coordinate may be any number
 };
 
 // The numbers of a scene, by the names of their derivatives.
 class SceneNumbers {
  public:
-  // Throws Error (invalid input) as check_scene() does.
+  // Throws Error (invalid input, or a limit of workers) where a field is out of its range.
   explicit SceneNumbers(const v1::Scene& scene);
   // Throws Error (invalid input) where there is no such parameter, or not in this scene. A light's
   // scale is 1.

@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 
 #include <functional>
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
@@ -12,7 +13,8 @@
 
 namespace itn {
 
-// Holds the changes that a command line asks for. It must stay where it is until that is parsed.
+// Holds the changes that a command line asks for. It must stay where it is until that is parsed; a
+// copy that is made then makes the same changes.
 template <typename Config>
 class ConfigFlags {
  public:
@@ -31,18 +33,16 @@ class ConfigFlags {
         help);
   }
 
-  // A flag without a value, and maybe its opposite: "--mirror,!--no-mirror".
+  // A flag without a value, and maybe its opposite: "--mirror,!--no-mirror". change(config, bool)
+  // is called where one of them was given.
   template <typename Change>
   CLI::Option* add_switch(const std::string& names, Change change, const std::string& help) {
-    const size_t place = new_place();
-    return command_.add_flag_function(
-        names,
-        [this, place, change](int64_t count) {
-          changes_[place] = [change, count](Config& config) {
-            std::invoke(change, config, count > 0);
-          };
-        },
-        help);
+    const auto value = std::make_shared<bool>(false);
+    CLI::Option* const option = command_.add_flag(names, *value, help);
+    changes_[new_place()] = [option, value, change](Config& config) {
+      if (option->count() > 0) std::invoke(change, config, *value);
+    };
+    return option;
   }
 
   // A flag of one of some words, which stand for what `change` is called with.

@@ -234,7 +234,9 @@ void add_shape_flags(ConfigFlags<Config>& changes) {
   CLI::Option* folder = changes.add<std::string>(
       "--shapes",
       [](Config& config, const std::string& path) {
+        if (path.empty()) return;
         config.mutable_shapes()->mutable_folder()->set_path(path);
+        config.mutable_shapes()->mutable_folder()->set_repair(false);
       },
       "Folder of closed PLY, OBJ or STL meshes; without: the built-in shapes");
   CLI::Option* random = changes
@@ -259,7 +261,9 @@ void add_shape_flags(ConfigFlags<Config>& changes) {
       ->default_str("0");
   changes.add<std::string>(
       "--panoramas",
-      [](Config& config, const std::string& path) { panoramas_in(config).set_folder(path); },
+      [](Config& config, const std::string& path) {
+        if (!path.empty()) panoramas_in(config).set_folder(path);
+      },
       "Folder of HDR panoramas (EXR, latitude-longitude): one more of the lights, "
       "of weight 1, unless the dataset file has them");
   changes.add_switch(
@@ -298,20 +302,24 @@ void add_image_flags(ConfigFlags<Config>& changes) {
                            ->check(number_in(2U, UINT32_MAX));
   CLI::Option* grid = changes
                           .add_switch(
-                              "--grid", [](Config& config, bool /*grid*/) { set_grid(config); },
+                              "--grid",
+                              [](Config& config, bool is_grid) {
+                                if (is_grid) set_grid(config);
+                              },
                               "All 300 materials of Che et al. 2020 for every shape and azimuth")
                           ->excludes(count);
   changes
       .add_switch(
           "--random",
-          [](Config& config, bool /*random*/) {
-            config.mutable_materials()->set_sampling(v1::MaterialChoice::RANDOM);
+          [](Config& config, bool random) {
+            if (random) config.mutable_materials()->set_sampling(v1::MaterialChoice::RANDOM);
           },
           "Independent materials rather than evenly spread ones")
       ->excludes(grid);
   changes.add_switch(
       "--rotate",
-      [](Config& config, bool /*rotate*/) {
+      [](Config& config, bool rotate) {
+        if (!rotate) return;
         config.mutable_pose()->Clear();
         config.mutable_pose()->set_turned(1);
       },

@@ -406,6 +406,7 @@ std::vector<v1::RefineResult> find_materials(const RefineOptions& options) {
             "standard errors too small",
             same->name, observation.name));
       }
+      observation.photograph = i;
       observations.push_back(std::move(observation));
     }
   }

@@ -53,8 +53,8 @@ class Flags {
 
   bool given(const char* flag) const { return command_.count(flag) > 0; }
 
-  // `base`, but for what is on the command line: that of the run that is resumed, or that of
-  // preset and file.
+  // The configuration of the run that is resumed, or of preset and file, but for what is on the
+  // command line.
   v1::TrainingConfig applied_to(v1::TrainingConfig config) const {
     options_.changes.apply_to(config);
     if (!given("--mean-weight") && config.output() == v1::POINT) {

@@ -35,7 +35,7 @@ uint64_t part_of(double fraction, uint64_t count) {
   return static_cast<uint64_t>(std::floor(fraction * static_cast<double>(count) + 0.5));
 }
 
-Place place_of(const v1::DatasetConfig& config, uint64_t index) {
+ItemPlace place_of(const v1::DatasetConfig& config, uint64_t index) {
   const uint64_t test = part_of(config.test_fraction(), index);
   if (part_of(config.test_fraction(), index + 1) > test) return {v1::SPLIT_TEST, test};
   const uint64_t rest = index - test;

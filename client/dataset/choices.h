@@ -36,7 +36,7 @@ enum Choice : uint64_t {
 };
 
 // The place of an item in its split.
-struct Place {
+struct ItemPlace {
   v1::Split split;
   uint64_t index;  // among the items of this split
 };
@@ -46,12 +46,12 @@ uint64_t part_of(double fraction, uint64_t count);
 
 // Splits come in turn as evenly as their fractions allow: first what is of the test, then, of the
 // rest, what is of the validation.
-Place place_of(const v1::DatasetConfig& config, uint64_t index);
+ItemPlace place_of(const v1::DatasetConfig& config, uint64_t index);
 
 // The choices of one item. `choice`: a branch of the tree, a Choice or derive_seed() of one.
 class Choices {
  public:
-  Choices(const v1::DatasetConfig& config, Place place)
+  Choices(const v1::DatasetConfig& config, ItemPlace place)
       : seed_(derive_seed(config.seed(), {static_cast<uint64_t>(place.split)})),
         index_(place.index) {}
 
@@ -60,13 +60,14 @@ class Choices {
   // evenly yet, but neighbours go together from choice to choice, which a chi-square test sees.)
   double number(uint64_t choice) const;
 
-  // What is in a list comes in turn.
+  // A number of the distribution: by number(), or of a list, whose entries come in turn.
   float draw(uint64_t choice, const v1::Distribution& distribution) const;
 
-  // Three numbers that are spread evenly together: Owen-scrambled Sobol points.
+  // Three numbers in [0, 1) that are spread evenly together: Owen-scrambled Sobol points.
   std::array<double, 3> point(uint64_t choice) const;
 
-  // One of `count`: all of them in an order of its own, then again in another.
+  // A number below `count`, which is 1 at least: all of them come in an order of this choice's own,
+  // then again in another.
   uint64_t in_turn(uint64_t choice, uint64_t count) const;
 
   // Independent uniform numbers in [0, 1).
@@ -77,7 +78,7 @@ class Choices {
   uint64_t index_;
 };
 
-// The number of the weight that `u` in [0, 1) falls on.
+// The number of the weight that `u` in [0, 1) falls on. Weights are >= 0, and not all 0.
 size_t weighted(std::span<const double> weights, double u);
 
 }  // namespace itn

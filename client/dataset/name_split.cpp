@@ -28,6 +28,13 @@ size_t share_of(double fraction, size_t count) {
                           static_cast<size_t>(std::lround(fraction * static_cast<double>(count))));
 }
 
+// Takes that part of `total` off the end of `order`, but leaves so many for others.
+std::vector<std::string> share_taken(std::vector<std::string>& order, double fraction, size_t total,
+                                     size_t others) {
+  const size_t free = order.size() > others ? order.size() - others : 0;
+  return taken(order, std::min(share_of(fraction, total), free));
+}
+
 // Takes those names out of `names`.
 std::vector<std::string> take_named(const google::protobuf::RepeatedPtrField<std::string>& wanted,
                                     std::vector<std::string>& names, const char* purpose) {
@@ -107,9 +114,7 @@ NameSplit split_shapes(const v1::DatasetConfig& config, std::span<const Shape> s
     rest.push_back(names[i]);
   }
   const auto fill = [&](std::vector<std::string>& part, double fraction, size_t others) {
-    if (!part.empty()) return;
-    const size_t free = rest.size() > others ? rest.size() - others : 0;
-    part = taken(rest, std::min(share_of(fraction, total), free));
+    if (part.empty()) part = share_taken(rest, fraction, total, others);
   };
   fill(split.test, config.test_fraction(),
        1 + (config.validation_fraction() > 0 && split.validation.empty() ? 1 : 0));
@@ -132,13 +137,9 @@ NameSplit split_panoramas(const v1::DatasetConfig& config, std::span<const Panor
   }
   NameSplit split;
   // The training has one at least; then the test, then the validation.
-  const auto fill = [&](std::vector<std::string>& part, double fraction, size_t others) {
-    const size_t free = rest.size() > others ? rest.size() - others : 0;
-    part = taken(rest, std::min(share_of(fraction, total), free));
-  };
-  fill(split.test, config.test_fraction(),
-       1 + (config.validation_fraction() > 0 && total > 2 ? 1 : 0));
-  fill(split.validation, config.validation_fraction(), 1);
+  split.test = share_taken(rest, config.test_fraction(), total,
+                           1 + (config.validation_fraction() > 0 && total > 2 ? 1 : 0));
+  split.validation = share_taken(rest, config.validation_fraction(), total, 1);
   split.train = std::move(rest);
   return sorted(std::move(split));
 }

@@ -16,9 +16,9 @@ struct NameSplit {
   std::vector<std::string> train, validation, test;
 
   const std::vector<std::string>& names(v1::Split split) const;
-  // Those of training where the split has none.
+  // The names of the split or, where it has none, those of training.
   const std::vector<std::string>& names_or_training(v1::Split split) const;
-  // The split that a name is in.
+  // The split that a name is in; training, if it is in none.
   v1::Split split_of(const std::string& name) const;
 };
 

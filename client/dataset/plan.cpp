@@ -360,7 +360,7 @@ void add_items(v1::Dataset& manifest, const NameSplit& shapes, const NameSplit& 
 
 v1::DatasetItem plan_item(const v1::DatasetConfig& config, const NameSplit& shapes, uint64_t index,
                           const NameSplit& panoramas) {
-  const Place place = place_of(config, index);
+  const ItemPlace place = place_of(config, index);
   const Choices choices(config, place);
   const std::vector<std::string>& names = shapes.names(place.split);
   v1::DatasetItem item = draw_scene(

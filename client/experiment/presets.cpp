@@ -1,8 +1,10 @@
 #include "client/experiment/presets.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <array>
+#include <initializer_list>
 #include <string>
 
 #include "common/error.h"
@@ -209,14 +211,9 @@ validate_every: 25
 rerendering { images: 40 spp: 64 shown: 2 }
 )";
 
-constexpr std::string_view kPaperExperiment =
-    R"(# The protocol of Che et al., ICCP 2020: 7,200 + 7,200 images of 128 x 128 pixels, 300 materials of a grid,
-# 6 shapes with 4 suns to learn from and 4 shapes with 6 others to test with, their encoder, batches of 60,
-# 50 epochs. Built-in shapes stand in for theirs, and one more validates; for
-# other meshes, say shapes { folder { path: "meshes" } } and name them.
-dataset {
-  resolution: 128
-  noise { target: 0.05 }
+// What the protocol of the paper has in common at all resolutions: fields of `dataset`.
+constexpr std::string_view kPaperScenes =
+    R"(  noise { target: 0.05 }
   shapes {
     builtin {
       names: [
@@ -234,7 +231,19 @@ dataset {
     albedo { one_of { value: [0.39, 0.59, 0.74, 0.87, 0.95] } }
     g { one_of { value: [0, 0.2, 0.4, 0.6, 0.8] } }
   }
-}
+)";
+
+constexpr std::string_view kPaperExperiment =
+    R"(# The protocol of Che et al., ICCP 2020: 7,200 + 7,200 images of 128 x 128 pixels, 300 materials of a grid,
+# 6 shapes with 4 suns to learn from and 4 shapes with 6 others to test with, their encoder, batches of 60,
+# 50 epochs. Built-in shapes stand in for theirs, and one more validates; for
+# other meshes, say shapes { folder { path: "meshes" } } and name them.
+dataset {
+  resolution: 128
+)";
+
+constexpr std::string_view kPaperTraining =
+    R"(}
 other_noise { target { target: 0.02 } }
 other_noise_images: 400
 training_preset: "paper"
@@ -248,6 +257,31 @@ steps: 6000
 rate_factor: 1
 validate_every: 200
 rerendering { images: 400 spp: 256 shown: 6 }
+refinement { images: 40 spp: 64 max_spp: 1024 }
+)";
+
+constexpr std::string_view kSmallPaperExperiment =
+    R"(# The preset paper with images of 64 x 64 pixels, from which the encoder's six convolutions come down to
+# one pixel, 4 samples a pixel in the loss, and ITNs that go on from an RN of five epochs.
+dataset {
+  resolution: 64
+)";
+
+constexpr std::string_view kSmallPaperTraining =
+    R"(}
+other_noise { target { target: 0.02 } }
+other_noise_images: 400
+training_preset: "paper"
+training {
+  augmentation { noise { min: 0.1 max: 0.1 } }
+  spp: 4
+}
+rate_search { rates: [3e-5, 1e-4, 3e-4] steps: 600 }
+shared_steps: 600
+steps: 5400
+rate_factor: 1
+validate_every: 200
+rerendering { images: 400 spp: 64 shown: 6 }
 refinement { images: 40 spp: 64 max_spp: 1024 }
 )";
 
@@ -277,16 +311,20 @@ std::string few_shapes_experiment() {
 }  // namespace
 
 std::span<const ExperimentPreset> experiment_presets() {
-  static const std::array<std::string, 4> kFiles = {
-      std::string(kSmokeExperiment) + kFiveNetworks.data(),
-      std::string(kSmallExperiment) + kFiveNetworks.data(),
-      std::string(kPaperExperiment) + kFiveNetworks.data(), few_shapes_experiment()};
-  static const std::array<ExperimentPreset, 5> kPresets = {{
+  const auto joined = [](std::initializer_list<std::string_view> parts) {
+    return fmt::format("{}{}", fmt::join(parts, ""), kFiveNetworks);
+  };
+  static const std::array<std::string, 5> kFiles = {
+      joined({kSmokeExperiment}), joined({kSmallExperiment}),
+      joined({kPaperExperiment, kPaperScenes, kPaperTraining}), few_shapes_experiment(),
+      joined({kSmallPaperExperiment, kPaperScenes, kSmallPaperTraining})};
+  static const std::array<ExperimentPreset, 6> kPresets = {{
       {"smoke", "whether everything works, in less than a minute", kFiles[0]},
       {"small", "results that mean something, in less than an hour on two cores", kFiles[1]},
       {"ablation", "what the image term is worth, by how it is made", kAblationExperiment},
       {"few_shapes", "what the image term is worth where shapes are few, with three seeds",
        kFiles[3]},
+      {"paper_64", "the protocol of Che et al. 2020 at 64 pixels, in a day", kFiles[4]},
       {"paper", "the protocol of Che et al. 2020, in days", kFiles[2]},
   }};
   return kPresets;

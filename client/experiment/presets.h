@@ -13,7 +13,8 @@ struct ExperimentPreset {
 };
 
 // "smoke": whether everything works, in less than a minute. "small": results that mean something,
-// in less than an hour. "paper": the protocol of Che et al. 2020, in days.
+// in less than an hour. "paper": the protocol of Che et al. 2020, in days; "paper_64": at 64
+// pixels.
 std::span<const ExperimentPreset> experiment_presets();
 
 // Throws Error (invalid input) that lists the names there are.

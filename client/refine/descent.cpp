@@ -180,22 +180,23 @@ void Descent::collect_sums() {
   collect_model_error();
 }
 
-// A photograph that differs from renders of the truth, as by its shape, does so in all its colours,
-// which are observations of the same name: a square has one term of all of them.
+// A photograph that differs from renders of the truth, as by its shape, does so in all its colours:
+// a square has one term of all of them.
 void Descent::collect_moments() {
-  std::map<std::string, std::vector<size_t>> photographs;
+  std::map<size_t, std::vector<size_t>> photographs;
   for (size_t i = 0; i < observations_.size(); ++i) {
-    photographs[observations_[i].name].push_back(i);
+    photographs[observations_[i].photograph].push_back(i);
   }
   moments_.clear();
   squares_ = 0;
-  for (const auto& [name, images] : photographs) {
+  for (const auto& [photograph, images] : photographs) {
     squares_ += static_cast<double>(add_moments(images));
   }
   // Scores at the answer scatter less than at the truth, by as many squares as there are numbers
-  // (MacKinnon and White, "Some heteroskedasticity-consistent covariance matrix estimators with
-  // improved finite sample properties", Journal of Econometrics 1985, HC1).
-  const double left = std::max(squares_ - static_cast<double>(layout_.size()), 1.0);
+  // that images of a colour are of (MacKinnon and White, "Some heteroskedasticity-consistent
+  // covariance matrix estimators with improved finite sample properties", Journal of Econometrics
+  // 1985, HC1).
+  const double left = std::max(squares_ - numbers(), 1.0);
   for (ScoreMoments& moments : moments_) moments.sums *= std::max(squares_ / left, 1.0);
 }
 
@@ -210,24 +211,24 @@ Eigen::Index Descent::add_moments(std::span<const size_t> images) {
     moments.coordinates.push_back(c);
   }
   std::map<std::pair<uint32_t, uint32_t>, Eigen::Index> rows;
-  std::vector<SquareTerms> terms;
   for (const size_t i : images) {
-    for (const auto& place : terms.emplace_back(image_equations_[i].square_terms()).places) {
-      rows.emplace(place, std::ssize(rows));
-    }
+    for (const auto& square : image_equations_[i].squares()) rows.emplace(square, std::ssize(rows));
   }
   const auto n = std::ssize(moments.coordinates);
   Eigen::MatrixXd sums = Eigen::MatrixXd::Zero(std::ssize(rows), n + n * n);
-  for (size_t k = 0; k < images.size(); ++k) {
-    const size_t image = images[k];
+  for (const size_t image : images) {
+    std::vector<Eigen::Index> rows_of_image;
+    for (const auto& square : image_equations_[image].squares()) {
+      rows_of_image.push_back(rows.at(square));
+    }
+    const Eigen::MatrixXd terms = image_equations_[image].square_terms();
     const std::vector<Eigen::Index> coordinates = layout_.of_colour(observations_[image].colour);
     const auto count = std::ssize(coordinates);
     // What hangs together over more than a square counts as so many squares that are alike.
     const double alike = std::sqrt(image_equations_[image].dependence());
     const auto add = [&](Eigen::Index from, Eigen::Index to) {
-      for (size_t square = 0; square < terms[k].places.size(); ++square) {
-        sums(rows.at(terms[k].places[square]), to) +=
-            alike * terms[k].sums(static_cast<Eigen::Index>(square), from);
+      for (Eigen::Index square = 0; square < terms.rows(); ++square) {
+        sums(rows_of_image[static_cast<size_t>(square)], to) += alike * terms(square, from);
       }
     };
     for (Eigen::Index c = 0; c < count; ++c) {
@@ -240,7 +241,9 @@ Eigen::Index Descent::add_moments(std::span<const size_t> images) {
       }
     }
   }
-  moments.sums = sums.transpose() * sums;
+  moments.sums = Matrix::Zero(sums.cols(), sums.cols());
+  moments.sums.selfadjointView<Eigen::Lower>().rankUpdate(sums.transpose());
+  moments.sums.triangularView<Eigen::StrictlyUpper>() = moments.sums.transpose();
   return std::ssize(rows);
 }
 
@@ -252,15 +255,14 @@ bool Descent::tells(size_t image, Eigen::Index coordinate) const {
          !observations_[image].disturbances[static_cast<size_t>(disturbance)].empty();
 }
 
-// A photograph differs alike in its colours.
 void Descent::collect_model_error() {
   model_error_ = {};
   if (settings_.model_error() == 0 || !layout_.has_exposure) return;
   const auto side = std::max(1U, static_cast<uint32_t>(settings_.model_error_length() / 2));
-  std::map<std::string, GrowthBySquare> photographs;
+  std::map<size_t, GrowthBySquare> photographs;
   for (size_t i = 0; i < image_equations_.size(); ++i) {
     const std::vector<Eigen::Index> coordinates = layout_.of_colour(observations_[i].colour);
-    GrowthBySquare& squares = photographs[observations_[i].name];
+    GrowthBySquare& squares = photographs[observations_[i].photograph];
     for (const auto& [place, growth] : image_equations_[i].growth(side, seen_.exposure())) {
       SquareGrowth& square = squares[place];
       if (square.pixels == 0) square.scores = Vector::Zero(layout_.size());
@@ -271,7 +273,7 @@ void Descent::collect_model_error() {
     }
   }
   model_error_ = Matrix::Zero(layout_.size(), layout_.size());
-  for (const auto& [name, squares] : photographs) {
+  for (const auto& [photograph, squares] : photographs) {
     model_error_ += model_error(squares, settings_.model_error(), settings_.model_error_length());
   }
 }

@@ -45,9 +45,10 @@ class Descent {
   double loss_standard_error() const { return loss_standard_error_; }
   // The part of that loss that the image's own noise explains; 0 if it is not known.
   double noise_loss() const { return noise_loss_; }
-  // Squares of pixels (RefineSettings.block) that count, over all photographs, and coordinates.
+  // Squares of pixels (RefineSettings.block) that count, over all photographs, and coordinates of
+  // what images of a colour show.
   double squares() const { return squares_; }
-  double numbers() const { return static_cast<double>(x_.size()); }
+  double numbers() const { return static_cast<double>(seen_.size()); }
   // Pixels of an image that no material explains; and which part of all pixels those are.
   std::vector<uint32_t> unexplained_pixels(size_t image) const {
     return image_equations_[image].unexplained_pixels();

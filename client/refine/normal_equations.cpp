@@ -581,15 +581,15 @@ NormalEquations ImageEquations::unexplained_terms() const {
   return terms;
 }
 
-SquareTerms ImageEquations::square_terms() const {
+Eigen::MatrixXd ImageEquations::square_terms() const {
   const auto coordinates = static_cast<Eigen::Index>(scores_.size());
-  SquareTerms terms{places_,
-                    Eigen::MatrixXd::Zero(std::ssize(places_), coordinates * (1 + coordinates))};
+  Eigen::MatrixXd terms =
+      Eigen::MatrixXd::Zero(std::ssize(places_), coordinates * (1 + coordinates));
   Eigen::Index column = 0;
   for (const std::vector<Plane>* planes : {&scores_, &slopes_}) {
     for (const Plane& plane : *planes) {
       for (size_t i = 0; i < plane.size(); ++i) {
-        terms.sums(blocks_[i], column) += robust_weight(i) * plane[i];
+        terms(blocks_[i], column) += robust_weight(i) * plane[i];
       }
       ++column;
     }

@@ -98,12 +98,6 @@ using GrowthBySquare = std::map<std::pair<uint32_t, uint32_t>, SquareGrowth>;
 // that is alike over `length` pixels as a Gaussian process is.
 Matrix model_error(const GrowthBySquare& squares, double size, double length);
 
-// Terms of s and H by squares of pixels.
-struct SquareTerms {
-  std::vector<std::pair<uint32_t, uint32_t>> places;  // row and column of each square
-  Eigen::MatrixXd sums;                               // by square: of s, and of H row by row
-};
-
 class ImageEquations {
  public:
   // The observation must outlive it. `block`: in squares of so many pixels a side differences may
@@ -147,9 +141,12 @@ class ImageEquations {
   // What the sums of all that was taken have of these pixels, and should not.
   NormalEquations unexplained_terms() const;
 
-  // The terms of s and of H of all that was taken, each render's times its samples, by squares of
-  // block x block pixels.
-  SquareTerms square_terms() const;
+  // The row and the column of each square of block x block pixels of which some count.
+  const std::vector<std::pair<uint32_t, uint32_t>>& squares() const { return places_; }
+  // The terms of s and of H, of all that was taken, each render's times its samples: a row for each
+  // square, with the n of s and then the n x n of H, row by row, where n is the number of
+  // coordinates.
+  Eigen::MatrixXd square_terms() const;
 
   // How the sums of s change where the radiance grows by a part of itself, by squares of so many
   // pixels a side. `exposure`: its coordinate.

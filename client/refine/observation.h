@@ -26,6 +26,8 @@ struct Observation {
   // this image has none of one.
   std::vector<std::vector<float>> disturbances = {};
   size_t colour = 0;  // which of the colours of a refinement it shows, each of its own material
+  // The photograph that it is of. What a scene leaves out differs alike in all its colours.
+  size_t photograph = 0;
 };
 
 // Throws Error (invalid input) that says what is wrong: sizes, numbers that are not finite, nothing

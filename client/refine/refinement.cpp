@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <set>
+#include <utility>
 
 #include "client/refine/coordinates.h"
 #include "client/refine/descent.h"
@@ -67,6 +69,12 @@ void check(std::span<const Observation> observations) {
     if (std::ranges::count(observations, colour, &Observation::colour) == 0) {
       throw invalid_input(fmt::format("no image shows colour {}", colour));
     }
+  }
+  std::set<std::pair<size_t, size_t>> photographs;
+  for (const Observation& observation : observations) {
+    if (photographs.emplace(observation.photograph, observation.colour).second) continue;
+    throw invalid_input(
+        fmt::format("{} is of the photograph and the colour of another image", observation.name));
   }
   const size_t disturbances = observations.front().disturbances.size();
   for (const Observation& observation : observations) {

@@ -16,8 +16,7 @@ Error none_of(const std::string& name, const std::string& why) {
 }
 
 SceneNumber value_in(const SceneNumbers& scene, const std::string& name) {
-  const bool is_of_scene = !is_of_medium(name);
-  if (is_of_scene && name.starts_with("light[") && name.ends_with("].scale")) {
+  if (name.starts_with("light[") && name.ends_with("].scale")) {
     throw none_of(name,
                   "a scene file has no scale of a light; --exposure unknown finds one of all");
   }

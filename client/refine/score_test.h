@@ -19,10 +19,11 @@
 
 namespace itn {
 
-// What images that depend on some of the coordinates say of S.
+// What images that depend on n of the coordinates say of S: sums over squares of pixels, whose
+// terms are the n of s and then the n x n of H, row by row, of the products of all pairs of these.
 struct ScoreMoments {
   std::vector<Eigen::Index> coordinates;
-  Matrix sums;  // of the products of each pixel's parts of s and, row by row, of H
+  Matrix sums;
 };
 
 // What is known of the step to the truth, apart from the images: how long it is in a coordinate,

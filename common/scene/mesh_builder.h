@@ -23,11 +23,12 @@ class MeshBuilder {
   explicit MeshBuilder(uint64_t max_triangles, std::stop_token stop = {})
       : max_triangles_(max_triangles), stop_(std::move(stop)) {}
 
-  // In mm, after all transforms. Normals at corners are refused.
+  // The mesh after all its transforms, in mm. Normals at corners are refused.
   Mesh build(const std::string& field, const v1::Mesh& proto);
-  // In the object's own coordinates: after the transforms before its pose.
+  // The mesh in coordinates of its own: after the transforms that come before its pose.
   Mesh build_unposed(const std::string& field, const v1::Mesh& proto);
-  // Normals at the corners of such a mesh, which has so many triangles; empty where it has none.
+  // The normals at the corners of what build_unposed() returns, which has so many triangles; none,
+  // where the message has none.
   std::vector<std::array<Vec3f, 3>> unposed_corner_normals(const std::string& field,
                                                            const v1::Mesh& proto, size_t triangles);
   // Counts triangles of what is not built here.
@@ -45,21 +46,22 @@ class MeshBuilder {
   std::map<std::string, Mesh> shapes_;  // built-in ones
 };
 
-// The rotations and translations that are a mesh's last transforms.
+// The rotations and translations that are a mesh's last transforms. Throws Error (invalid input).
 Pose pose_of(const std::string& field, const v1::Mesh& proto);
-// The number of the first transform of the pose.
+// The number of the first transform of the pose; that of all transforms, where there is no pose.
 int first_of_pose(const v1::Mesh& proto);
 
+// The number of triangles that the message has, those that repeat a vertex among them.
 uint64_t triangle_count(const v1::Triangles& proto);
 
-// Throws Error unless all vertices are within 10^6 mm of the origin.
+// Throws Error (invalid input) unless all vertices are within 10^6 mm of the origin.
 void check_extent(const std::string& field, const Mesh& mesh, const Pose& pose = {});
 
 // The bounds of an object after its transforms, in mm, however many triangles it has; `field` names
-// the object.
+// the object. Throws Error (invalid input).
 Bounds object_bounds(const std::string& field, const v1::Object& object);
 
-// The longest side of an object as it lies before it is posed, in mm.
+// The longest side of an object as it lies before it is posed, in mm. Throws Error (invalid input).
 double unposed_size(const std::string& field, const v1::Object& object);
 
 }  // namespace itn

@@ -12,7 +12,7 @@
 
 namespace itn::tracer {
 
-// As it is rendered, in the coordinates of the object, where it is no disc.
+// What is rendered, in the coordinates of the object, where it is no disc.
 struct ParallelLight {
   Vec3d direction;  // towards the light, of unit length
   double irradiance;

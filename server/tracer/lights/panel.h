@@ -14,7 +14,7 @@
 
 namespace itn::tracer {
 
-// As it is rendered, in the coordinates of the object.
+// What is rendered, in the coordinates of the object.
 struct PanelLamp {
   Vec3d center, half_u, half_v;
   double radiance;

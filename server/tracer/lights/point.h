@@ -8,7 +8,7 @@
 
 namespace itn::tracer {
 
-// As it is rendered, in the coordinates of the object.
+// What is rendered, in the coordinates of the object.
 struct PointLamp {
   Vec3d position;
   double intensity;

@@ -12,7 +12,7 @@
 
 namespace itn::tracer {
 
-// As it is rendered, in the coordinates of the object.
+// What is rendered, in the coordinates of the object.
 struct SphereLamp {
   Vec3d center;
   double radius;

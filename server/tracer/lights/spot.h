@@ -13,7 +13,7 @@
 
 namespace itn::tracer {
 
-// As it is rendered, in the coordinates of the object.
+// What is rendered, in the coordinates of the object.
 struct SpotLamp {
   Vec3d position, direction;  // the direction that it shines in is of unit length
   double intensity;

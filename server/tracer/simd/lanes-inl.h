@@ -89,7 +89,7 @@ struct SlotGather {
   }
 };
 
-// Puts those of some lanes behind one another, from number `at` on.
+// Puts those of some lanes behind one another, from number `first` on.
 struct Append {
   Mask where;
   size_t first;

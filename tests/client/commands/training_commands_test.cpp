@@ -103,6 +103,25 @@ TEST_F(TrainingCommands, FlagsHaveSeveralNames) {
             now);
 }
 
+// The last one counts.
+TEST_F(TrainingCommands, SwitchesTurnOnAndOff) {
+  const auto mirrors = [](const Arguments& flags) {
+    const Finished finished = run(Arguments{testing::kItn, "train", "--print-config"} + flags);
+    EXPECT_EQ(finished.exit_code, 0) << finished.errors;
+    return finished.output.find("mirror: true") != std::string::npos;
+  };
+  EXPECT_TRUE(mirrors({"--mirror"}));
+  EXPECT_TRUE(mirrors({"--no-mirror", "--mirror"}));
+  EXPECT_FALSE(mirrors({"--mirror", "--no-mirror"}));
+  EXPECT_FALSE(mirrors({"--mirror=false"}));
+  EXPECT_EQ(run({testing::kItn, "train", "--print-config", "--mirror=maybe"}).exit_code, 2);
+  const auto materials = [](const std::string& flag) {
+    return run({testing::kItn, "dataset", "--print-config", flag}).output;
+  };
+  EXPECT_THAT(materials("--grid"), HasSubstr("GRID"));
+  EXPECT_THAT(materials("--grid=false"), Not(HasSubstr("GRID")));
+}
+
 TEST_F(TrainingCommands, ResumeRefusesAFlagThatDiffers) {
   const std::string run_folder = folder_.path("run");
   ASSERT_EQ(run(train(run_folder, {"--steps", "2"})).exit_code, 0);

@@ -80,7 +80,8 @@ TEST(ExperimentFile, PresetsAreFilesThatCanBeRead) {
     // With all defaults: as a file again it is the same.
     EXPECT_EQ(to_text_proto(loaded(to_text_proto(experiment))), to_text_proto(experiment));
   }
-  expect_error(ErrorKind::kInvalidInput, {"\"tiny\"", "smoke, small, ablation, few_shapes, paper"},
+  expect_error(ErrorKind::kInvalidInput,
+               {"\"tiny\"", "smoke, small, ablation, few_shapes, paper_64, paper"},
                [] { find_experiment_preset("tiny"); });
 }
 

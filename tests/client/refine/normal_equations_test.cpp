@@ -87,7 +87,7 @@ TEST(ImageEquations, ScoreIsZeroAtTheTruthAndKnowsItsNoise) {
     for (size_t c = 0; c < 3; ++c) {
       scores[c].push_back(second.equations.gradient[c]);
       stated[c].push_back(
-          image_equations.square_terms().sums.col(static_cast<Eigen::Index>(c)).squaredNorm() /
+          image_equations.square_terms().col(static_cast<Eigen::Index>(c)).squaredNorm() /
           (64 * 64));
     }
   }

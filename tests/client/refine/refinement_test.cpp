@@ -254,13 +254,14 @@ TEST(Refinement, ColoursAreALittleOffTogether) {
     for (size_t c = 0; c < 3; ++c) {
       observations.push_back(model.observe(truths[c], 0.02, 3 * i + c));
       observations.back().colour = c;
+      observations.back().photograph = 0;
       make_a_little_off(observations.back(), kError, kLength, 500 + i);
     }
     const v1::RefineSettings settings = settings_of_a_little_off(i, kError, kLength);
     const v1::RefinedParameter g = refined(model, observations, settings, {kStart}).g();
     inside += has(g, 0.3) ? 1 : 0;
     together += g.standard_deviation();
-    for (size_t c = 0; c < 3; ++c) observations[c].name = std::string(c + 1, 'a');
+    for (size_t c = 0; c < 3; ++c) observations[c].photograph = c;
     apart += refined(model, observations, settings, {kStart}).g().standard_deviation();
   }
   EXPECT_GE(inside, 0.85 * kImages);
@@ -486,6 +487,49 @@ TEST(Refinement, DisturbancesLeaveTheMaterialAlone) {
   EXPECT_LT(inside_without, kImages * 3 / 4);
 }
 
+// Two photographs in colour are disturbed each by itself, and alike in their colours.
+TEST(Refinement, PhotographsHaveDisturbancesOfTheirOwn) {
+  constexpr int kImages = 40;
+  const std::array<Material, 3> truths{{{60, 0.8, 0.3}, {80, 0.7, 0.3}, {45, 0.9, 0.3}}};
+  const SyntheticModel model(0.1);
+  std::vector<float> plane;
+  for (size_t p = 0; p < SyntheticModel::kPixels; ++p) {
+    const double u = static_cast<double>(p % SyntheticModel::kSide) / SyntheticModel::kSide;
+    plane.push_back(static_cast<float>(0.05 * std::sin(6 * u)));
+  }
+  Gaussian1D gaussian(11);
+  std::array<int, 3> of_sigma_t{};
+  int of_g = 0;
+  for (uint64_t i = 0; i < kImages; ++i) {
+    std::vector<Observation> observations;
+    for (size_t photograph = 0; photograph < 2; ++photograph) {
+      const double amount = gaussian();
+      for (size_t c = 0; c < 3; ++c) {
+        Observation& observation =
+            observations.emplace_back(model.observe(truths[c], 0.05, 6 * i + 3 * photograph + c));
+        observation.photograph = photograph;
+        observation.colour = c;
+        observation.disturbances.resize(2);
+        observation.disturbances[photograph] = plane;
+        for (size_t p = 0; p < SyntheticModel::kPixels; ++p) {
+          observation.radiance[p] *= static_cast<float>(1 + amount * plane[p]);
+        }
+      }
+    }
+    v1::RefineSettings settings;
+    settings.set_seed(i);
+    settings.set_max_spp(1024);
+    Refinement refinement(settings, observations, {kStart});
+    while (!refinement.finished()) refinement.step(model.renderer());
+    for (size_t c = 0; c < 3; ++c) {
+      of_sigma_t[c] += has(refinement.result(c).sigma_t(), truths[c].sigma_t);
+    }
+    of_g += has(refinement.result().g(), 0.3);
+  }
+  expect_covered(of_sigma_t, kImages);
+  expect_covered(std::array{of_g}, kImages);
+}
+
 // Multiplies squares of so many pixels a side by a factor each.
 void make_squares_off(Observation& observation, size_t side, double off, uint64_t seed) {
   constexpr size_t kSide = SyntheticModel::kSide;
@@ -514,6 +558,7 @@ TEST(Refinement, SquaresOfColoursHangTogether) {
       observations.push_back(model.observe(truths[c], 0.003, 3 * i + c));
       observations.back().noise.clear();
       observations.back().colour = c;
+      observations.back().photograph = 0;
       make_squares_off(observations.back(), 2, 0.02, 500 + i);
     }
     v1::RefineSettings settings;
@@ -523,7 +568,7 @@ TEST(Refinement, SquaresOfColoursHangTogether) {
     const v1::RefinedParameter g = refined(model, observations, settings, {kStart}).g();
     inside += has(g, 0.3) ? 1 : 0;
     together += g.standard_deviation();
-    for (size_t c = 0; c < 3; ++c) observations[c].name = std::string(c + 1, 'a');
+    for (size_t c = 0; c < 3; ++c) observations[c].photograph = c;
     apart += refined(model, observations, settings, {kStart}).g().standard_deviation();
   }
   EXPECT_GE(inside, 0.85 * kImages);

@@ -82,11 +82,12 @@ class SyntheticModel {
     return (moved(step) - moved(-step)) / (2 * step);
   }
 
-  // An image with this relative noise.
+  // An image with this relative noise, of a photograph of its own.
   Observation observe(const Material& truth, double noise, uint64_t seed, double exposure = 1,
                       double index = kIndex) const {
     Observation observation{
         .name = "synthetic", .radiance = {}, .mask = {}, .noise = {}, .scene = scene_};
+    observation.photograph = seed;
     Gaussian1D gaussian(seed);
     for (size_t p = 0; p < kPixels; ++p) {
       const double exact = exposure * radiance(p, truth, index);
