@@ -376,15 +376,7 @@ std::vector<float> pixels_of_object(const FitPhotograph& photograph, const Mesh&
     for (int x = 0; x < side; ++x) {
       const auto p = static_cast<size_t>(y) * static_cast<size_t>(side) + static_cast<size_t>(x);
       if (photograph.mask[p] < kWholePixel || photograph.clipped[p] > kClippedPixel) continue;
-      bool whole = true;
-      for (int j = -1; j <= kFine && whole; ++j) {
-        for (int i = -1; i <= kFine && whole; ++i) {
-          const int fx = kFine * x + i, fy = kFine * y + j;
-          whole = fx >= 0 && fy >= 0 && fx < kFine * side && fy < kFine * side &&
-                  silhouette.covers(fx, fy);
-        }
-      }
-      result[p] = whole ? 1 : 0;
+      result[p] = silhouette.shows_one_surface(kFine * x, kFine * y, kFine) ? 1 : 0;
     }
   }
   return result;

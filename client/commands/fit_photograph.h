@@ -98,7 +98,7 @@ v1::Scene scene_of(const FitPhotograph& photograph, const FitOptions& options);
 void place(const Stand& stand, const Mesh& shape, const FitOptions& options, v1::Scene& scene);
 
 // 1 where a pixel, of the side of the fit, shows the object alone in the photograph and in the
-// scene, and nothing that is clipped; else 0.
+// scene, no contour of one part of it before another, and nothing that is clipped; else 0.
 std::vector<float> pixels_of_object(const FitPhotograph& photograph, const Mesh& shape,
                                     const Pose& pose);
 

@@ -99,6 +99,27 @@ Silhouette::Silhouette(const Mesh& mesh, const Pose& pose, const PinholeView& vi
   }
 }
 
+bool Silhouette::are_level(int x, int y, int other_x, int other_y) const {
+  // Where the depth changes by so many times what the place does to the side, a surface is seen
+  // along itself, or ends before another.
+  constexpr double kSteep = 8;
+  const auto is_shown = [this](int u, int v) {
+    return u >= 0 && v >= 0 && u < view_.side && v < view_.side && covers(u, v);
+  };
+  if (!is_shown(x, y) || !is_shown(other_x, other_y)) return false;
+  return std::abs(depth(other_x, other_y) - depth(x, y)) < kSteep * depth(x, y) / view_.focal;
+}
+
+bool Silhouette::shows_one_surface(int left, int top, int side) const {
+  for (int y = top - 1; y <= top + side; ++y) {
+    for (int x = left - 1; x <= left + side; ++x) {
+      if (x < left + side && !are_level(x, y, x + 1, y)) return false;
+      if (y < top + side && !are_level(x, y, x, y + 1)) return false;
+    }
+  }
+  return true;
+}
+
 std::vector<ContourPoint> Silhouette::contour() const {
   std::vector<ContourPoint> points;
   const int side = view_.side;
