@@ -54,8 +54,8 @@ class Silhouette {
   // in the coordinates of the camera.
   double depth(int x, int y) const { return double{depth_[index(x, y)]}; }
   Vec3d normal(const Mesh& mesh, int x, int y) const;
-  // Whether the square of pixels from a corner on, and the pixels around it, show one surface: all of
-  // them the mesh, and nowhere its contour, or that of a part of it before another.
+  // Whether the square of pixels from a corner on, and the pixels around it, show one surface: all
+  // of them the mesh, and nowhere its contour, or that of a part of it before another.
   bool shows_one_surface(int left, int top, int side) const;
   std::vector<ContourPoint> contour() const;
   // In [0, 1]: pixels that are above half in the mask and covered here, over those that are either.
