@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "client/commands/command.h"
+#include "client/commands/config_flags.h"
 #include "client/commands/fit.h"
 #include "client/commands/options.h"
 #include "client/commands/photograph_flags.h"
@@ -13,10 +14,11 @@
 namespace itn {
 namespace {
 
-void add_flags(CLI::App& command, FitOptions& options) {
+using Settings = v1::RefineSettings;
+
+void add_flags(CLI::App& command, ConfigFlags<Settings>& changes, FitOptions& options) {
   PhotographOptions& photograph = options.photograph;
   RefineOptions& refine = options.refine;
-  v1::RefineSettings& settings = refine.settings;
   command
       .add_option(
           "images", options.images,
@@ -121,10 +123,9 @@ void add_flags(CLI::App& command, FitOptions& options) {
       "--luminance", options.luminance,
       "One material for all colours, in a third of the time. Default: red, green and "
       "blue, which share g and all that is no material");
-  command
-      .add_flag_callback(
-          "--g-of-each-colour", [&settings] { settings.set_g_of_each_colour(true); },
-          "Of red, green and blue each has a g of its own, known as --g and --g-error say")
+  changes
+      .add_switch("--g-of-each-colour", &Settings::set_g_of_each_colour,
+                  "Of red, green and blue each has a g of its own, known as --g and --g-error say")
       ->excludes(luminance);
   command
       .add_option("--resolution", options.resolution,
@@ -164,19 +165,19 @@ void add_flags(CLI::App& command, FitOptions& options) {
   command.add_option("--starts", refine.starts, "As of itn refine")
       ->check(number_in(1U, 64U))
       ->capture_default_str();
-  command
-      .add_option_function<uint32_t>(
-          "--max-spp", [&settings](uint32_t spp) { settings.set_max_spp(spp); }, "As of itn refine")
+  changes.add<uint32_t>("--max-spp", &Settings::set_max_spp, "As of itn refine")
       ->check(number_in(64U, kMaxSamples));
-  command
-      .add_option_function<double>(
-          "--time-limit", [&settings](double seconds) { settings.set_time_limit(seconds); },
+  changes
+      .add<double>(
+          "--time-limit", &Settings::set_time_limit,
           "In seconds, from the beginning: the refinement has what the search for the "
           "object leaves, one iteration at least, and the report takes up to half a minute "
           "more; 0: none")
       ->check(number_in(0.0, 1e9))
-      ->default_str(fmt::format("{}", settings.time_limit()));
-  add_refine_seed_flag(command, settings);
+      ->default_str(fmt::format("{}", refine.settings.time_limit()));
+  changes.add<uint64_t>("--seed", &Settings::set_seed, "Of the random numbers")
+      ->check(kAnySeed)
+      ->default_str("0");
   command
       .add_option("-o,--output", refine.output,
                   "Folder for the scene that is found (scene.textproto), the photograph as it was "
@@ -195,9 +196,13 @@ void add_fit_command(CLI::App& app) {
   options->refine.settings.set_time_limit(240);
   CLI::App* command = app.add_subcommand(
       "fit", "Find the material of an object of known shape from its photograph");
-  add_flags(*command, *options);
+  const auto changes = std::make_shared<ConfigFlags<Settings>>(*command);
+  add_flags(*command, *changes, *options);
   add_worker_flags(*command, options->refine.workers);
-  command->callback([options] { run_fit(*options); });
+  command->callback([options, changes] {
+    changes->apply_to(options->refine.settings);
+    run_fit(*options);
+  });
 }
 
 }  // namespace itn

@@ -32,9 +32,6 @@ struct RefineOptions {
   WorkerFlags workers;
 };
 
-// --seed.
-void add_refine_seed_flag(CLI::App& command, v1::RefineSettings& settings);
-
 // What a film has of an image whose channels these are, Y or R, G and B.
 std::vector<float> radiance_of(const Image& image, const std::vector<std::string>& channels,
                                v1::Film::Channel film);

@@ -2,6 +2,7 @@
 #include <memory>
 
 #include "client/commands/command.h"
+#include "client/commands/config_flags.h"
 #include "client/commands/options.h"
 #include "client/commands/refine.h"
 #include "common/flags.h"
@@ -10,8 +11,9 @@
 namespace itn {
 namespace {
 
-void add_flags(CLI::App& command, RefineOptions& options) {
-  v1::RefineSettings& settings = options.settings;
+using Settings = v1::RefineSettings;
+
+void add_flags(CLI::App& command, ConfigFlags<Settings>& changes, RefineOptions& options) {
   command
       .add_option(
           "images", options.images,
@@ -48,54 +50,40 @@ void add_flags(CLI::App& command, RefineOptions& options) {
                   "Starts, spread about --init; the best after four iterations of each goes on")
       ->check(number_in(1U, 64U))
       ->capture_default_str();
-  command
-      .add_option_function<std::string>(
-          "--method",
-          [&settings](const std::string& method) {
-            settings.set_method(method == "adam" ? v1::RefineSettings::ADAM
-                                                 : v1::RefineSettings::GAUSS_NEWTON);
-          },
+  changes
+      .add_choice<Settings::Method>(
+          "--method", {{"gauss-newton", Settings::GAUSS_NEWTON}, {"adam", Settings::ADAM}},
+          &Settings::set_method,
           "gauss-newton; adam: for comparison, 150 iterations at --spp by default")
-      ->check(one_of({"gauss-newton", "adam"}))
       ->default_str("gauss-newton");
-  command
-      .add_option_function<std::string>(
+  changes
+      .add_choice<Settings::Weights>(
           "--pixel-weights,--weights",
-          [&settings](const std::string& weights) {
-            settings.set_weights(weights == "map"    ? v1::RefineSettings::MAP
-                                 : weights == "none" ? v1::RefineSettings::NONE
-                                                     : v1::RefineSettings::NOISE);
-          },
+          {{"noise", Settings::NOISE}, {"map", Settings::MAP}, {"none", Settings::NONE}},
+          &Settings::set_weights,
           "How pixels count: noise: by the inverse variance of their noise; map: by the "
           "squared weight map, near edges; none: all the same")
-      ->check(one_of({"noise", "map", "none"}))
       ->default_str("noise");
-  command
-      .add_option_function<std::string>(
-          "--exposure",
-          [&settings](const std::string& text) {
-            settings.set_unknown_exposure(text == "unknown");
-          },
-          "unknown: the images are the renders times one factor, which is found, too; default: "
-          "known")
-      ->check(one_of({"known", "unknown"}));
-  command.add_flag_callback(
-      "--unknown-exposure", [&settings] { settings.set_unknown_exposure(true); },
-      "The same as --exposure unknown");
-  command
-      .add_option_function<std::vector<std::string>>(
+  changes.add_choice<bool>(
+      "--exposure", {{"known", false}, {"unknown", true}}, &Settings::set_unknown_exposure,
+      "unknown: the images are the renders times one factor, which is found, too; default: "
+      "known");
+  changes.add_switch("--unknown-exposure", &Settings::set_unknown_exposure,
+                     "The same as --exposure unknown");
+  changes
+      .add<std::vector<std::string>>(
           "--unknown",
-          [&settings](const std::vector<std::string>& names) {
+          [](Settings& settings, const std::vector<std::string>& names) {
             settings.mutable_unknowns()->Assign(names.begin(), names.end());
           },
           "Numbers of the scene that are found, too, from where the scene files have them, "
           "separated by commas: what render --derivatives lists of boundary and surfaces, "
           "such as rough_dielectric.index,rough_dielectric.roughness,surface[0].reflectance")
       ->delimiter(',');
-  command
-      .add_option_function<std::vector<std::string>>(
+  changes
+      .add<std::vector<std::string>>(
           "--known-within",
-          [&settings](const std::vector<std::string>& texts) {
+          [](Settings& settings, const std::vector<std::string>& texts) {
             for (const std::string& text : texts) {
               const auto [name, deviation] =
                   named_number("--known-within", text, "rough_dielectric.index=0.03");
@@ -107,59 +95,56 @@ void add_flags(CLI::App& command, RefineOptions& options) {
           "or exposure, as a standard deviation: rough_dielectric.index=0.03,exposure=0.05; or g, "
           "about --expected-g")
       ->delimiter(',');
-  command
-      .add_option_function<double>(
-          "--expected-g", [&settings](double g) { settings.set_expected_g(g); },
-          "What g is about, with --known-within g=...")
+  changes
+      .add<double>("--expected-g", &Settings::set_expected_g,
+                   "What g is about, with --known-within g=...")
       ->check(number_in(-0.98, 0.98))
       ->default_str("0");
-  command.add_flag_callback(
-      "--g-of-each-colour", [&settings] { settings.set_g_of_each_colour(true); },
+  changes.add_switch(
+      "--g-of-each-colour", &Settings::set_g_of_each_colour,
       "Find a g of red, of green and of blue, with films of RGB. Default: one of all");
-  command
-      .add_option_function<uint32_t>(
-          "--block", [&settings](uint32_t side) { settings.set_block(side); },
+  changes
+      .add<uint32_t>(
+          "--block", &Settings::set_block,
           "Over squares of so many pixels a side, differences to the image may hang together "
           "by what the scene leaves out; intervals are as much wider. 1: they are noise")
       ->check(number_in(1U, 64U))
       ->default_str("1");
   const CLI::Validator spp_range = number_in(4U, kMaxSamples);
-  command
-      .add_option_function<uint32_t>(
-          "--spp", [&settings](uint32_t spp) { settings.set_spp(spp); },
-          "Samples per pixel and image of the first iteration; default 64")
+  changes
+      .add<uint32_t>("--spp", &Settings::set_spp,
+                     "Samples per pixel and image of the first iteration; default 64")
       ->check(spp_range);
-  command
-      .add_option_function<uint32_t>(
-          "--max-spp", [&settings](uint32_t spp) { settings.set_max_spp(spp); },
+  changes
+      .add<uint32_t>(
+          "--max-spp", &Settings::set_max_spp,
           "Samples per pixel and image of an iteration at most; as many behind the answer "
           "are enough; default 4096, or --spp if that is more")
       ->check(spp_range);
-  command
-      .add_option_function<uint32_t>(
-          "--max-iterations", [&settings](uint32_t most) { settings.set_max_iterations(most); },
-          "Of a start; default 40, of adam 150")
+  changes
+      .add<uint32_t>("--max-iterations", &Settings::set_max_iterations,
+                     "Of a start; default 40, of adam 150")
       ->check(number_in(1U, 100000U));
-  command
-      .add_option_function<double>(
-          "--time-limit", [&settings](double seconds) { settings.set_time_limit(seconds); },
+  changes
+      .add<double>(
+          "--time-limit", &Settings::set_time_limit,
           "In seconds: the last iteration has as many samples as they leave time for, and one is "
           "made at least; 0: none")
       ->check(number_in(0.0, 1e9))
       ->default_str("0");
-  command
-      .add_option_function<double>(
-          "--tolerance", [&settings](double least) { settings.set_tolerance(least); },
-          "End when the standard deviations of ln sigma_t, albedo and g are no larger")
+  changes
+      .add<double>("--tolerance", &Settings::set_tolerance,
+                   "End when the standard deviations of ln sigma_t, albedo and g are no larger")
       ->check(number_in(0.0, 1.0))
       ->default_str("0.002");
-  command
-      .add_option_function<double>(
-          "--learning-rate", [&settings](double rate) { settings.set_learning_rate(rate); },
-          "Of adam, in unbounded coordinates")
+  changes
+      .add<double>("--learning-rate", &Settings::set_learning_rate,
+                   "Of adam, in unbounded coordinates")
       ->check(number_in(1e-6, 10.0))
       ->default_str("0.05");
-  add_refine_seed_flag(command, settings);
+  changes.add<uint64_t>("--seed", &Settings::set_seed, "Of the random numbers")
+      ->check(kAnySeed)
+      ->default_str("0");
   command.add_option("-o,--output", options.output,
                      "Folder for trajectory.jsonl, result.json, picture.png (target, fit, "
                      "difference) and the state, from which the same command goes on");
@@ -168,22 +153,17 @@ void add_flags(CLI::App& command, RefineOptions& options) {
 
 }  // namespace
 
-void add_refine_seed_flag(CLI::App& command, v1::RefineSettings& settings) {
-  command
-      .add_option_function<uint64_t>(
-          "--seed", [&settings](uint64_t seed) { settings.set_seed(seed); },
-          "Of the random numbers")
-      ->check(kAnySeed)
-      ->default_str("0");
-}
-
 void add_refine_command(CLI::App& app) {
   const auto options = std::make_shared<RefineOptions>();
   CLI::App* command = app.add_subcommand(
       "refine", "Refine a material until renders of a known scene are like the image");
-  add_flags(*command, *options);
+  const auto changes = std::make_shared<ConfigFlags<Settings>>(*command);
+  add_flags(*command, *changes, *options);
   add_worker_flags(*command, options->workers);
-  command->callback([options] { run_refine(*options); });
+  command->callback([options, changes] {
+    changes->apply_to(options->settings);
+    run_refine(*options);
+  });
 }
 
 }  // namespace itn

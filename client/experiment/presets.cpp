@@ -211,8 +211,8 @@ validate_every: 25
 rerendering { images: 40 spp: 64 shown: 2 }
 )";
 
-// What the protocol of the paper has in common at all resolutions: fields of `dataset`.
-constexpr std::string_view kPaperScenes =
+// What the protocol of the paper has in common at all resolutions: the rest of `dataset`, and more.
+constexpr std::string_view kPaperProtocol =
     R"(  noise { target: 0.05 }
   shapes {
     builtin {
@@ -231,6 +231,14 @@ constexpr std::string_view kPaperScenes =
     albedo { one_of { value: [0.39, 0.59, 0.74, 0.87, 0.95] } }
     g { one_of { value: [0, 0.2, 0.4, 0.6, 0.8] } }
   }
+}
+other_noise { target { target: 0.02 } }
+other_noise_images: 400
+training_preset: "paper"
+rate_search { rates: [3e-5, 1e-4, 3e-4] steps: 600 }
+rate_factor: 1
+validate_every: 200
+refinement { images: 40 spp: 64 max_spp: 1024 }
 )";
 
 constexpr std::string_view kPaperExperiment =
@@ -238,51 +246,29 @@ constexpr std::string_view kPaperExperiment =
 # 6 shapes with 4 suns to learn from and 4 shapes with 6 others to test with, their encoder, batches of 60,
 # 50 epochs. Built-in shapes stand in for theirs, and one more validates; for
 # other meshes, say shapes { folder { path: "meshes" } } and name them.
-dataset {
-  resolution: 128
-)";
-
-constexpr std::string_view kPaperTraining =
-    R"(}
-other_noise { target { target: 0.02 } }
-other_noise_images: 400
-training_preset: "paper"
 training {
   augmentation { noise { min: 0.1 max: 0.1 } }
   spp: 16
 }
-rate_search { rates: [3e-5, 1e-4, 3e-4] steps: 600 }
 shared_steps: 0
 steps: 6000
-rate_factor: 1
-validate_every: 200
 rerendering { images: 400 spp: 256 shown: 6 }
-refinement { images: 40 spp: 64 max_spp: 1024 }
+dataset {
+  resolution: 128
 )";
 
 constexpr std::string_view kSmallPaperExperiment =
     R"(# The preset paper with images of 64 x 64 pixels, from which the encoder's six convolutions come down to
 # one pixel, 4 samples a pixel in the loss, and ITNs that go on from an RN of five epochs.
-dataset {
-  resolution: 64
-)";
-
-constexpr std::string_view kSmallPaperTraining =
-    R"(}
-other_noise { target { target: 0.02 } }
-other_noise_images: 400
-training_preset: "paper"
 training {
   augmentation { noise { min: 0.1 max: 0.1 } }
   spp: 4
 }
-rate_search { rates: [3e-5, 1e-4, 3e-4] steps: 600 }
 shared_steps: 600
 steps: 5400
-rate_factor: 1
-validate_every: 200
 rerendering { images: 400 spp: 64 shown: 6 }
-refinement { images: 40 spp: 64 max_spp: 1024 }
+dataset {
+  resolution: 64
 )";
 
 // RN and ITN from three seeds, the first with other weights of the image term, too.
@@ -316,8 +302,8 @@ std::span<const ExperimentPreset> experiment_presets() {
   };
   static const std::array<std::string, 5> kFiles = {
       joined({kSmokeExperiment}), joined({kSmallExperiment}),
-      joined({kPaperExperiment, kPaperScenes, kPaperTraining}), few_shapes_experiment(),
-      joined({kSmallPaperExperiment, kPaperScenes, kSmallPaperTraining})};
+      joined({kPaperExperiment, kPaperProtocol}), few_shapes_experiment(),
+      joined({kSmallPaperExperiment, kPaperProtocol})};
   static const std::array<ExperimentPreset, 6> kPresets = {{
       {"smoke", "whether everything works, in less than a minute", kFiles[0]},
       {"small", "results that mean something, in less than an hour on two cores", kFiles[1]},

@@ -240,32 +240,42 @@ TEST(Refinement, IntervalsKnowThatTheSceneIsALittleOff) {
   for (const int count : inside[1]) EXPECT_GE(count, 0.87 * kImages);
 }
 
-// The colours of a photograph differ alike, and so three of them say no more of what they share, as
-// g, than one; colours of three photographs would.
-TEST(Refinement, ColoursAreALittleOffTogether) {
-  constexpr int kImages = 60;
-  constexpr double kError = 0.05, kLength = 3;
+// Expects that three colours of a photograph, which spoil(observation, i) spoils alike, say no more
+// of what they share, as g, than one, and that its interval holds; colours of three photographs
+// would say more.
+template <typename Spoil, typename SettingsOf>
+void expect_colours_say_what_one_does(int images, const SyntheticModel& model, double noise,
+                                      const Spoil& spoil, const SettingsOf& settings_of) {
   const std::array<Material, 3> truths{{{60, 0.8, 0.3}, {80, 0.7, 0.3}, {45, 0.9, 0.3}}};
-  const SyntheticModel model;
   int inside = 0;
   double together = 0, apart = 0;
-  for (uint64_t i = 0; i < kImages; ++i) {
+  for (uint64_t i = 0; i < static_cast<uint64_t>(images); ++i) {
     std::vector<Observation> observations;
     for (size_t c = 0; c < 3; ++c) {
-      observations.push_back(model.observe(truths[c], 0.02, 3 * i + c));
+      observations.push_back(model.observe(truths[c], noise, 3 * i + c));
       observations.back().colour = c;
       observations.back().photograph = 0;
-      make_a_little_off(observations.back(), kError, kLength, 500 + i);
+      spoil(observations.back(), i);
     }
-    const v1::RefineSettings settings = settings_of_a_little_off(i, kError, kLength);
+    const v1::RefineSettings settings = settings_of(i);
     const v1::RefinedParameter g = refined(model, observations, settings, {kStart}).g();
     inside += has(g, 0.3) ? 1 : 0;
     together += g.standard_deviation();
     for (size_t c = 0; c < 3; ++c) observations[c].photograph = c;
     apart += refined(model, observations, settings, {kStart}).g().standard_deviation();
   }
-  EXPECT_GE(inside, 0.85 * kImages);
+  EXPECT_GE(inside, 0.85 * images);
   EXPECT_GT(together, 1.3 * apart);
+}
+
+TEST(Refinement, ColoursAreALittleOffTogether) {
+  constexpr double kError = 0.05, kLength = 3;
+  expect_colours_say_what_one_does(
+      60, SyntheticModel(), 0.02,
+      [](Observation& observation, uint64_t i) {
+        make_a_little_off(observation, kError, kLength, 500 + i);
+      },
+      [](uint64_t i) { return settings_of_a_little_off(i, kError, kLength); });
 }
 
 // If hardly anything is absorbed, noise of the renders moves the albedo as far as it is uncertain:
@@ -544,35 +554,20 @@ void make_squares_off(Observation& observation, size_t side, double off, uint64_
   }
 }
 
-// Where the colours of a photograph differ alike over squares, three of them say no more of what
-// they share, as g, than one, and its interval holds.
 TEST(Refinement, SquaresOfColoursHangTogether) {
-  constexpr int kImages = 80;
-  const std::array<Material, 3> truths{{{60, 0.8, 0.3}, {80, 0.7, 0.3}, {45, 0.9, 0.3}}};
-  const SyntheticModel model(0.03);
-  int inside = 0;
-  double together = 0, apart = 0;
-  for (uint64_t i = 0; i < kImages; ++i) {
-    std::vector<Observation> observations;
-    for (size_t c = 0; c < 3; ++c) {
-      observations.push_back(model.observe(truths[c], 0.003, 3 * i + c));
-      observations.back().noise.clear();
-      observations.back().colour = c;
-      observations.back().photograph = 0;
-      make_squares_off(observations.back(), 2, 0.02, 500 + i);
-    }
-    v1::RefineSettings settings;
-    settings.set_seed(i);
-    settings.set_max_spp(1024);
-    settings.set_block(2);
-    const v1::RefinedParameter g = refined(model, observations, settings, {kStart}).g();
-    inside += has(g, 0.3) ? 1 : 0;
-    together += g.standard_deviation();
-    for (size_t c = 0; c < 3; ++c) observations[c].photograph = c;
-    apart += refined(model, observations, settings, {kStart}).g().standard_deviation();
-  }
-  EXPECT_GE(inside, 0.85 * kImages);
-  EXPECT_GT(together, 1.3 * apart);
+  expect_colours_say_what_one_does(
+      80, SyntheticModel(0.03), 0.003,
+      [](Observation& observation, uint64_t i) {
+        observation.noise.clear();
+        make_squares_off(observation, 2, 0.02, 500 + i);
+      },
+      [](uint64_t i) {
+        v1::RefineSettings settings;
+        settings.set_seed(i);
+        settings.set_max_spp(1024);
+        settings.set_block(2);
+        return settings;
+      });
 }
 
 // Intervals know where differences hang together over more than the squares that count as one, of
