@@ -5,7 +5,6 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
-#include <memory>
 #include <optional>
 #include <string>
 #include <thread>
@@ -27,6 +26,7 @@
 #include "client/training/dataset_training.h"
 #include "client/training/training_config.h"
 #include "client/training/training_run.h"
+#include "client/training/training_set.h"
 #include "client/training/validation.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
@@ -128,9 +128,41 @@ void print(const v1::TrainingSummary& summary) {
   }
 }
 
-std::string full_path(const fs::path& folder) {
-  return fs::absolute(folder).lexically_normal().string();
-}
+// What is told of a call: how far it is, and in the end what became of it.
+class TrainingReport {
+ public:
+  void add(const v1::TrainingMetrics& metrics, uint64_t steps) {
+    if (!progress_) progress_.emplace("train", "steps", steps, metrics.step() - 1);
+    if (metrics.has_validation()) {
+      const v1::ValidationMetrics& v = metrics.validation();
+      validated_ = fmt::format("  validation {:.3f} {:.3f} {:.3f}", v.sigma_t(), v.albedo(), v.g());
+      if (!summary_.has_best() || score(v) < score(summary_.best())) *summary_.mutable_best() = v;
+    }
+    progress_->update(metrics.step(), note_of(metrics) + validated_);
+    *summary_.mutable_last() = metrics;
+  }
+
+  // `pool` is null if nothing was rendered.
+  v1::TrainingSummary summary(const fs::path& folder, const TrainingEnd& end, bool has_validation,
+                              const RenderPool* pool) {
+    if (progress_) progress_->finish();
+    const fs::path checkpoint = folder / kCheckpointName;
+    summary_.set_checkpoint(checkpoint.string());
+    summary_.set_model(read_checkpoint(checkpoint).model().name());
+    summary_.set_stopped_early(end.stopped_early);
+    if (has_validation) summary_.set_best_checkpoint((folder / kBestCheckpointName).string());
+    const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start_;
+    summary_.set_seconds(elapsed.count());
+    summary_.set_render_cpu_seconds(pool != nullptr ? pool->statistics().cpu_seconds : 0);
+    return summary_;
+  }
+
+ private:
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  std::optional<Progress> progress_;
+  std::string validated_;  // as it is shown
+  v1::TrainingSummary summary_;
+};
 
 // The dataset: the one that is named, or the one that the run was started with.
 std::string dataset_folder(const TrainOptions& options,
@@ -205,7 +237,7 @@ class Training {
     }
   }
 
-  // Throws unless the run can be trained like this; then torch may be used.
+  // Throws unless the run can be trained like this.
   void check(const v1::TrainingConfig& config, int resolution) {
     if (existing_) {
       require_same_config(existing_->training(), config, options_.folder);
@@ -213,64 +245,22 @@ class Training {
     } else if (init_) {
       require_same_network(*init_, config, resolution, options_.init);
     }
-    validate(config);
-    set_torch_threads(static_cast<int>(config.torch_threads()));
   }
 
-  // The model of a new run with such images; `fit` makes one without weights.
-  template <typename Fit>
-  v1::Model start(const v1::DatasetConfig& images, const Fit& fit) const {
-    return existing_ ? v1::Model() : start_model(init_, fit(), images);
-  }
+  // The model of the run that goes on, or of the one that a new run starts from.
+  std::optional<v1::Model> start() const { return existing_ ? existing_->model() : init_; }
 
-  // Runs `train` with what every run has, and prints what became of it. `images`: those of
-  // training.
-  template <typename Train>
-  void run(const v1::TrainingConfig& config, const std::string& dataset, const ImageSource& images,
-           const ValidationSet* validation, const RenderPool* pool, const Train& train) {
-    v1::TrainingSummary summary;
-    std::optional<Progress> progress;
-    std::string validated;  // as it is shown
-    TrainingRun run{.folder = options_.folder,
-                    .dataset = dataset,
-                    .checkpoint_every = options_.checkpoint_every,
-                    .model_name = model_name(),
-                    .model_version = options_.model_version,
-                    .validate = {},
-                    .validate_every = options_.validate_every,
-                    .patience = options_.patience,
-                    .complete = {},
-                    .report = {},
-                    .stop = interruption()};
-    run.report = [&](const v1::TrainingMetrics& metrics) {
-      if (!progress) progress.emplace("train", "steps", config.steps(), metrics.step() - 1);
-      if (metrics.has_validation()) {
-        const v1::ValidationMetrics& v = metrics.validation();
-        validated =
-            fmt::format("  validation {:.3f} {:.3f} {:.3f}", v.sigma_t(), v.albedo(), v.g());
-        if (!summary.has_best() || score(v) < score(summary.best())) *summary.mutable_best() = v;
-      }
-      progress->update(metrics.step(), note_of(metrics) + validated);
-      *summary.mutable_last() = metrics;
-    };
-    if (validation != nullptr) {
-      run.validate = [&](const v1::Model& now) { return validation->validation.measure(now); };
-    }
-    run.complete = completion(images, validation, interruption());
-    const TrainingEnd end = train(run);
-    if (progress) progress->finish();
-    // Report.
-    const fs::path checkpoint = fs::path(options_.folder) / kCheckpointName;
-    summary.set_checkpoint(checkpoint.string());
-    summary.set_model(read_checkpoint(checkpoint).model().name());
-    summary.set_stopped_early(end.stopped_early);
-    if (validation != nullptr) {
-      summary.set_best_checkpoint((fs::path(options_.folder) / kBestCheckpointName).string());
-    }
-    const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start_;
-    summary.set_seconds(elapsed.count());
-    summary.set_render_cpu_seconds(pool != nullptr ? pool->statistics().cpu_seconds : 0);
-    options_.json ? print_result("{}\n", to_json(summary)) : print(summary);
+  // As the options say, but for what is reported.
+  TrainingRun run() const {
+    TrainingRun run;
+    run.folder = options_.folder;
+    run.checkpoint_every = options_.checkpoint_every;
+    run.model_name = model_name();
+    run.model_version = options_.model_version;
+    run.validate_every = options_.validate_every;
+    run.patience = options_.patience;
+    run.stop = interruption();
+    return run;
   }
 
  private:
@@ -293,7 +283,6 @@ class Training {
     return as_model_name(folder.filename().string());
   }
 
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   TrainOptions options_;
   Flags flags_;
   FolderLock lock_;
@@ -310,39 +299,25 @@ void run_train(const TrainOptions& given, const CLI::App& command) {
   }
   if (given.folder.empty()) throw Error(ErrorKind::kUsage, "where to? itn train DATASET -o RUN");
   check_folder_writable(given.folder);
+  TrainingReport report;
   Training training(given, command);
   const TrainOptions& options = training.options();
   DatasetReader dataset(dataset_folder(options, training.existing_run()));
-  const LabelledImages images = images_of(dataset, v1::SPLIT_TRAIN);
   // What is asked for.
   v1::TrainingConfig config = training.config();
   config.set_dataset_sha256(to_hex(sha256(to_text(dataset.manifest()))));
-  training.complete(config, images.items.size());
-  const PackedFormat format{.resolution = resolution_of(config, images.resolution),
-                            .input = config.input()};
-  training.check(config, format.resolution);
-  // Read.
-  const PackedInputs inputs(images, format, options.folder, interruption(),
-                            has_first_order_augmentation(config));
-  const std::unique_ptr<ValidationSet> validation =
-      options.validate_every == 0
-          ? nullptr
-          : validation_set(dataset, format, options.folder, config.augmentation().noise().max(),
-                           interruption());
-  const v1::Model model = training.start(dataset.manifest().config(), [&] {
-    return fit_model(images, inputs.mean_radiance(), material_range(dataset.manifest().config()),
-                     config);
-  });
-  warn_of_albedos_out_of_reach(images.truth, model.bounds(), "the network");
-  // Train.
+  training.complete(config, images_of(dataset, v1::SPLIT_TRAIN).items.size());
+  training.check(config, resolution_of(config, dataset.resolution()));
+  // Read, and train.
+  TrainingRun run = training.run();
+  run.report = [&](const v1::TrainingMetrics& metrics) { report.add(metrics, config.steps()); };
   std::optional<RenderPool> pool;
-  const RerenderingEvaluator image_term = image_term_of(
-      config, [&]() -> RenderPool& { return pool.emplace(options.workers.pool_options()); },
-      interruption());
-  training.run(config, full_path(dataset.folder()), source_of(inputs), validation.get(),
-               pool ? &*pool : nullptr, [&](const TrainingRun& run) {
-                 return train(config, images, inputs, model, image_term, run);
-               });
+  DatasetTraining dataset_training(config, dataset, training.start(), std::move(run));
+  const TrainingEnd end = dataset_training.train(
+      [&]() -> RenderPool& { return pool.emplace(options.workers.pool_options()); });
+  const v1::TrainingSummary summary = report.summary(
+      options.folder, end, dataset_training.has_validation(), pool ? &*pool : nullptr);
+  options.json ? print_result("{}\n", to_json(summary)) : print(summary);
 }
 
 }  // namespace itn

@@ -91,41 +91,21 @@ v1::NetworkCost train_network(v1::TrainingConfig config, DatasetReader& dataset,
   // The last bits depend on it: a run keeps the number that it began with.
   config.set_torch_threads(existing ? existing->training().config().torch_threads()
                                     : run.torch_threads);
-  validate(config);
-  set_torch_threads(static_cast<int>(config.torch_threads()));
-  // Read.
-  const LabelledImages images = images_of(dataset, v1::SPLIT_TRAIN);
-  const PackedFormat format{.resolution = resolution_of(config, images.resolution),
-                            .input = config.input()};
-  const PackedInputs inputs(images, format, run.folder, run.stop,
-                            has_first_order_augmentation(config));
-  const std::unique_ptr<ValidationSet> validation =
-      validation_set(dataset, format, run.folder, config.augmentation().noise().max(), run.stop);
-  const v1::Model start =
-      start_model(init,
-                  fit_model(images, inputs.mean_radiance(),
-                            material_range(dataset.manifest().config()), config),
-                  dataset.manifest().config());
-  const RerenderingEvaluator image_term = image_term_of(config, run.pool, run.stop);
-  // Train.
   StepClock clock(run.cpu_seconds);
+  TrainingRun training;
+  training.folder = run.folder;
+  training.checkpoint_every = run.validate_every;
+  training.model_name = existing ? "" : run.model_name;
+  training.validate_every = run.validate_every;
+  training.report = [&](const v1::TrainingMetrics& metrics) {
+    clock.step();
+    run.report(metrics);
+  };
+  training.stop = run.stop;
+  DatasetTraining dataset_training(config, dataset, existing ? existing->model() : init,
+                                   std::move(training));
   clock.begin();
-  train(config, images, inputs, start, image_term,
-        {.folder = run.folder,
-         .dataset = fs::absolute(dataset.folder()).string(),
-         .checkpoint_every = run.validate_every,
-         .model_name = existing ? "" : run.model_name,
-         .model_version = "",
-         .validate = [&](const v1::Model& now) { return validation->validation.measure(now); },
-         .validate_every = run.validate_every,
-         .patience = 0,
-         .complete = completion(source_of(inputs), validation.get(), run.stop),
-         .report =
-             [&](const v1::TrainingMetrics& metrics) {
-               clock.step();
-               run.report(metrics);
-             },
-         .stop = run.stop});
+  dataset_training.train(run.pool);
   // Killed between its last step and its end, it has told already.
   if (!clock.has_steps() && fs::exists(run.folder / kCostName)) return read_cost(run.folder);
   const v1::NetworkCost cost = clock.has_steps() ? clock.cost(config.steps()) : v1::NetworkCost();

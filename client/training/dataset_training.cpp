@@ -1,36 +1,22 @@
 #include "client/training/dataset_training.h"
 
+#include <filesystem>
 #include <utility>
 
 #include "client/dataset/dataset_config.h"
 #include "client/training/finalize_model.h"
+#include "client/training/image_source.h"
 #include "client/training/rerendering_loss.h"
 
 namespace itn {
+namespace {
 
-ValidationSet::ValidationSet(LabelledImages labelled, const PackedFormat& format,
-                             const std::filesystem::path& folder, double noise,
-                             const std::stop_token& stop)
-    : images(std::move(labelled)),
-      inputs(images, format, folder, stop),
-      validation(images, inputs, noise) {}
-
-std::unique_ptr<ValidationSet> validation_set(DatasetReader& dataset, const PackedFormat& format,
-                                              const std::filesystem::path& folder, double noise,
-                                              const std::stop_token& stop) {
-  if (dataset.items(v1::SPLIT_VALIDATION).empty()) return nullptr;
-  return std::make_unique<ValidationSet>(images_of(dataset, v1::SPLIT_VALIDATION), format, folder,
-                                         noise, stop);
-}
-
-int resolution_of(const v1::TrainingConfig& config, int images) {
-  return config.resolution() != 0 ? static_cast<int>(config.resolution()) : images;
-}
-
-v1::Model start_model(const std::optional<v1::Model>& init, const v1::Model& fitted,
+// `fitted` (fit_model()), or `from` with its weights. One that goes on from a model of the other
+// exposure sees images on the scale of these, whose mean is 1 in both cases.
+v1::Model start_model(const std::optional<v1::Model>& from, const v1::Model& fitted,
                       const v1::DatasetConfig& images) {
-  v1::Model model = init ? *init : fitted;
-  if (init) model.clear_version();  // it was that one's
+  v1::Model model = from ? *from : fitted;
+  if (from) model.clear_version();  // it was that one's
   if (model.exposure() != fitted.exposure()) {
     model.set_exposure(fitted.exposure());
     model.set_image_scale(fitted.image_scale());
@@ -39,15 +25,15 @@ v1::Model start_model(const std::optional<v1::Model>& init, const v1::Model& fit
   return model;
 }
 
-std::function<void(v1::Model&)> completion(ImageSource images, const ValidationSet* validation,
-                                           std::stop_token stop) {
-  return [images = std::move(images), validation, stop = std::move(stop)](v1::Model& model) {
-    finalize_model(images,
-                   validation != nullptr
-                       ? HeldOutImages{source_of(validation->inputs), validation->images.truth}
-                       : HeldOutImages{},
-                   model, stop);
-  };
+PackedFormat format_of(const v1::TrainingConfig& config, const LabelledImages& images) {
+  return {.resolution = resolution_of(config, images.resolution), .input = config.input()};
+}
+
+// The configuration, once it is valid.
+const v1::TrainingConfig& validated(const v1::TrainingConfig& config) {
+  validate(config);
+  set_torch_threads(static_cast<int>(config.torch_threads()));
+  return config;
 }
 
 RerenderingEvaluator image_term_of(const v1::TrainingConfig& config,
@@ -57,6 +43,49 @@ RerenderingEvaluator image_term_of(const v1::TrainingConfig& config,
       pool(),
       {.spp = config.spp(), .estimates = config.estimates(), .pilot_spp = config.pilot_spp()},
       std::move(stop));
+}
+
+}  // namespace
+
+int resolution_of(const v1::TrainingConfig& config, int images) {
+  return config.resolution() != 0 ? static_cast<int>(config.resolution()) : images;
+}
+
+DatasetTraining::ValidationSet::ValidationSet(LabelledImages labelled, const PackedFormat& format,
+                                              const TrainingRun& run, double noise)
+    : images(std::move(labelled)),
+      inputs(images, format, run.folder, run.stop),
+      validation(images, inputs, noise) {}
+
+DatasetTraining::DatasetTraining(const v1::TrainingConfig& config, DatasetReader& dataset,
+                                 const std::optional<v1::Model>& from, TrainingRun run)
+    : config_(validated(config)),
+      run_(std::move(run)),
+      images_(images_of(dataset, v1::SPLIT_TRAIN)),
+      inputs_(images_, format_of(config, images_), run_.folder, run_.stop,
+              has_first_order_augmentation(config)) {
+  if (run_.validate_every > 0 && !dataset.items(v1::SPLIT_VALIDATION).empty()) {
+    validation_ =
+        std::make_unique<ValidationSet>(images_of(dataset, v1::SPLIT_VALIDATION), inputs_.format(),
+                                        run_, config.augmentation().noise().max());
+    run_.validate = [this](const v1::Model& now) { return validation_->validation.measure(now); };
+  }
+  run_.dataset = std::filesystem::absolute(dataset.folder()).lexically_normal().string();
+  run_.complete = [this](v1::Model& model) {
+    const HeldOutImages held_out =
+        validation_ ? HeldOutImages{source_of(validation_->inputs), validation_->images.truth}
+                    : HeldOutImages{};
+    finalize_model(source_of(inputs_), held_out, model, run_.stop);
+  };
+  const v1::DatasetConfig& drawn = dataset.manifest().config();
+  start_ = start_model(
+      from, fit_model(images_, inputs_.mean_radiance(), material_range(drawn), config), drawn);
+  warn_of_albedos_out_of_reach(images_.truth, start_.bounds(), "the network");
+}
+
+TrainingEnd DatasetTraining::train(const std::function<RenderPool&()>& pool) {
+  return itn::train(config_, images_, inputs_, start_, image_term_of(config_, pool, run_.stop),
+                    run_);
 }
 
 }  // namespace itn
