@@ -238,7 +238,7 @@ void write_posed_scenes(FitOptions options, const fs::path& folder, RefineOption
     if (!options.card_distance) options.card_distance = flash_range(stand.stand, mesh, options);
     place(stand.stand, mesh, options, scene);
     write_overlay(file_of(folder, "pose", ".png", options, i), photograph, mesh, found.pose);
-    photograph.image.channels["mask.Y"] = pixels_of_object(photograph, mesh, found.pose);
+    photograph.image.channels["mask.Y"] = pixels_of_surfaces(photograph, mesh, found.pose);
     set_seen(options, photograph.image, pose, refine);
     add_disturbances(disturbances_of(photograph, mesh, stand, loaded, options, pool),
                      photograph.image);

@@ -122,6 +122,23 @@ void require_same_exposure(const Exposure& first, const Exposure& other, const s
   }
 }
 
+// 1 where a pixel of the object that is not clipped is of such a square of the silhouette; else 0.
+std::vector<float> pixels_where(const FitPhotograph& photograph, const Mesh& mesh, const Pose& pose,
+                                bool (Silhouette::*is_such)(int left, int top, int side) const) {
+  constexpr int kFine = 4;
+  const int side = photograph.side;
+  const Silhouette silhouette(mesh, pose, view_of(photograph, kFine * side));
+  std::vector<float> result(photograph.mask.size());
+  for (int y = 0; y < side; ++y) {
+    for (int x = 0; x < side; ++x) {
+      const auto p = static_cast<size_t>(y) * static_cast<size_t>(side) + static_cast<size_t>(x);
+      if (photograph.mask[p] < kWholePixel || photograph.clipped[p] > kClippedPixel) continue;
+      result[p] = (silhouette.*is_such)(kFine * x, kFine * y, kFine) ? 1 : 0;
+    }
+  }
+  return result;
+}
+
 }  // namespace
 
 double focal_in_pixels(const PhotographContent& content, const std::string& name,
@@ -368,18 +385,12 @@ void place(const Stand& stand, const Mesh& shape, const FitOptions& options, v1:
 
 std::vector<float> pixels_of_object(const FitPhotograph& photograph, const Mesh& mesh,
                                     const Pose& pose) {
-  constexpr int kFine = 4;
-  const int side = photograph.side;
-  const Silhouette silhouette(mesh, pose, view_of(photograph, kFine * side));
-  std::vector<float> result(photograph.mask.size());
-  for (int y = 0; y < side; ++y) {
-    for (int x = 0; x < side; ++x) {
-      const auto p = static_cast<size_t>(y) * static_cast<size_t>(side) + static_cast<size_t>(x);
-      if (photograph.mask[p] < kWholePixel || photograph.clipped[p] > kClippedPixel) continue;
-      result[p] = silhouette.shows_one_surface(kFine * x, kFine * y, kFine) ? 1 : 0;
-    }
-  }
-  return result;
+  return pixels_where(photograph, mesh, pose, &Silhouette::covers_square);
+}
+
+std::vector<float> pixels_of_surfaces(const FitPhotograph& photograph, const Mesh& mesh,
+                                      const Pose& pose) {
+  return pixels_where(photograph, mesh, pose, &Silhouette::shows_one_surface);
 }
 
 }  // namespace itn

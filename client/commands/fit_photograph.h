@@ -98,8 +98,13 @@ v1::Scene scene_of(const FitPhotograph& photograph, const FitOptions& options);
 void place(const Stand& stand, const Mesh& shape, const FitOptions& options, v1::Scene& scene);
 
 // 1 where a pixel, of the side of the fit, shows the object alone in the photograph and in the
-// scene, no contour of one part of it before another, and nothing that is clipped; else 0.
+// scene, and nothing that is clipped; else 0.
 std::vector<float> pixels_of_object(const FitPhotograph& photograph, const Mesh& shape,
                                     const Pose& pose);
+
+// The same, but 0 at contours of one part of the object before another, too: a shape that is a
+// little off shows something else there. They tell poses apart, and nothing of the material.
+std::vector<float> pixels_of_surfaces(const FitPhotograph& photograph, const Mesh& shape,
+                                      const Pose& pose);
 
 }  // namespace itn

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 #include <span>
+#include <utility>
 
 #include "client/fit/disturbances.h"
 #include "client/interrupt.h"
@@ -202,15 +203,17 @@ struct Scouting {
   Material material;
 };
 
-Scouting scout(const FitPhotograph& photograph, const Mesh& mesh, const Stand& stand,
-               v1::Scene scene, const FitOptions& options, v1::Film::Channel channel,
-               const std::vector<Material>& starts, const Renderer& renderer) {
+// `mask`: pixels that count.
+Scouting scout(const FitPhotograph& photograph, std::vector<float> mask, const Mesh& mesh,
+               const Stand& stand, v1::Scene scene, const FitOptions& options,
+               v1::Film::Channel channel, const std::vector<Material>& starts,
+               const Renderer& renderer) {
   place(stand, mesh, options, scene);
   scene.mutable_film()->set_channel(channel);
   const std::vector<Observation> observations{
       {.name = photograph.name,
        .radiance = radiance_of(photograph.image, photograph.channels, channel),
-       .mask = pixels_of_object(photograph, mesh, stand.pose),
+       .mask = std::move(mask),
        .noise = {},
        .scene = serialize(scene)}};
   v1::RefineSettings settings;
@@ -266,10 +269,11 @@ bool finds_elevation(const FitOptions& options) {
 
 class LightSearch {
  public:
-  LightSearch(const FitPhotograph& photograph, const Mesh& mesh, const Pose& pose,
-              const v1::Scene& scene, const FitOptions& options, RenderPool& pool)
+  // `mask`: pixels that count.
+  LightSearch(const FitPhotograph& photograph, std::vector<float> mask, const Mesh& mesh,
+              const Pose& pose, const v1::Scene& scene, const FitOptions& options, RenderPool& pool)
       : radiance_(radiance_of(photograph.image, photograph.channels, v1::Film::LUMINANCE)),
-        mask_(pixels_of_object(photograph, mesh, pose)),
+        mask_(std::move(mask)),
         mesh_(mesh),
         said_(said_stand(photograph, pose, options)),
         is_turn_said_(photograph.panorama_turn.has_value()),
@@ -402,7 +406,7 @@ std::vector<FoundPose> poses_of(const FitPhotograph& photograph, const Mesh& mes
         photograph.name, 100 * best, options.shape));
   }
   std::erase_if(poses, [&](const FoundPose& one) {
-    const std::vector<float> mask = pixels_of_object(photograph, mesh, one.pose);
+    const std::vector<float> mask = pixels_of_surfaces(photograph, mesh, one.pose);
     return one.overlap < kLeastOverlap || std::ranges::none_of(mask, is_on_object);
   });
   if (poses.empty()) {
@@ -447,7 +451,8 @@ FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v
       candidates.push_back({i, said_stand(photograph, pose, options)});
       continue;
     }
-    const LightSearch search(photograph, mesh, pose, scene, options, pool);
+    const LightSearch search(photograph, pixels_of_object(photograph, mesh, pose), mesh, pose,
+                             scene, options, pool);
     for (const LightSearch::Found& one : search.stands()) {
       candidates.push_back({i, one.stand, one.unlikeness});
     }
@@ -460,12 +465,16 @@ FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v
     std::erase_if(candidates, [&](const ScoutedStand& one) { return one.unlikeness > most; });
     candidates.resize(std::min(candidates.size(), kMostStands));
   }
+  // Contours within the object tell which pose it is; once that is known, they do not count.
+  auto* counted = pixels_of_object;
   const auto scouted = [&](const Stand& stand, uint32_t starts) {
-    return scout(photograph, mesh, stand, scene, options, v1::Film::LUMINANCE,
+    return scout(photograph, counted(photograph, mesh, stand.pose), mesh, stand, scene, options,
+                 v1::Film::LUMINANCE,
                  starts_around(mean_of_size(longest_side(bounds(mesh))), starts), renderer);
   };
   const auto improve_turn = [&](Stand& stand, const Material& material) {
-    const LightSearch search(photograph, mesh, stand.pose, scene, options, pool);
+    const LightSearch search(photograph, counted(photograph, mesh, stand.pose), mesh, stand.pose,
+                             scene, options, pool);
     stand = search.improved(stand, material);
   };
   if (candidates.size() > 1) {
@@ -490,6 +499,7 @@ FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v
     if (other.loss > kDoubtful * least.loss + noise) continue;
     (candidates[i].pose == best.pose ? found.turn_ambiguous : found.ambiguous) = true;
   }
+  counted = pixels_of_surfaces;
   found.material = scouted(found.stand, options.refine.starts).material;
   if (is_turned) {
     improve_turn(found.stand, found.material);
@@ -500,9 +510,10 @@ FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v
     found.materials = {found.material};
   } else {
     for (const v1::Film::Channel colour : kColours) {
-      found.materials.push_back(
-          scout(photograph, mesh, found.stand, scene, options, colour, {found.material}, renderer)
-              .material);
+      found.materials.push_back(scout(photograph, counted(photograph, mesh, found.stand.pose), mesh,
+                                      found.stand, scene, options, colour, {found.material},
+                                      renderer)
+                                    .material);
     }
   }
   return found;
@@ -539,7 +550,7 @@ Disturbances disturbances_of(const FitPhotograph& photograph, const Mesh& mesh,
     }
   }
   changes.add_other_g(placed(found.stand, mesh, options, scene), found.materials, options);
-  return changes.planes(pixels_of_object(photograph, mesh, pose), photograph.side,
+  return changes.planes(pixels_of_surfaces(photograph, mesh, pose), photograph.side,
                         surface_of(photograph, mesh, pose), options, pool);
 }
 

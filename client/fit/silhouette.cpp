@@ -103,14 +103,20 @@ bool Silhouette::are_level(int x, int y, int other_x, int other_y) const {
   // Where the depth changes by so many times what the place does to the side, a surface is seen
   // along itself, or ends before another.
   constexpr double kSteep = 8;
-  const auto is_shown = [this](int u, int v) {
-    return u >= 0 && v >= 0 && u < view_.side && v < view_.side && covers(u, v);
-  };
-  if (!is_shown(x, y) || !is_shown(other_x, other_y)) return false;
   return std::abs(depth(other_x, other_y) - depth(x, y)) < kSteep * depth(x, y) / view_.focal;
 }
 
+bool Silhouette::covers_square(int left, int top, int side) const {
+  for (int y = top - 1; y <= top + side; ++y) {
+    for (int x = left - 1; x <= left + side; ++x) {
+      if (x < 0 || y < 0 || x >= view_.side || y >= view_.side || !covers(x, y)) return false;
+    }
+  }
+  return true;
+}
+
 bool Silhouette::shows_one_surface(int left, int top, int side) const {
+  if (!covers_square(left, top, side)) return false;
   for (int y = top - 1; y <= top + side; ++y) {
     for (int x = left - 1; x <= left + side; ++x) {
       if (x < left + side && !are_level(x, y, x + 1, y)) return false;

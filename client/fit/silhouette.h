@@ -54,8 +54,9 @@ class Silhouette {
   // in the coordinates of the camera.
   double depth(int x, int y) const { return double{depth_[index(x, y)]}; }
   Vec3d normal(const Mesh& mesh, int x, int y) const;
-  // Whether the square of pixels from a corner on, and the pixels around it, show one surface: all
-  // of them the mesh, and nowhere its contour, or that of a part of it before another.
+  // Whether the square of pixels from a corner on, and the pixels around it, are covered.
+  bool covers_square(int left, int top, int side) const;
+  // Whether they show one surface, too: nowhere the contour of a part of the mesh before another.
   bool shows_one_surface(int left, int top, int side) const;
   std::vector<ContourPoint> contour() const;
   // In [0, 1]: pixels that are above half in the mask and covered here, over those that are either.
@@ -70,7 +71,7 @@ class Silhouette {
   size_t index(int x, int y) const {
     return static_cast<size_t>(y) * static_cast<size_t>(view_.side) + static_cast<size_t>(x);
   }
-  // Whether both pixels are covered, and the depth is about the same.
+  // Whether the depth is about the same at two pixels that are covered.
   bool are_level(int x, int y, int other_x, int other_y) const;
   std::vector<double> differences(const Silhouette& other) const;
 

@@ -41,6 +41,9 @@ TEST(Silhouette, KnowsWhatShowsOneSurface) {
     const bool shows = silhouette.shows_one_surface(left, kViewSide / 2, 4);
     EXPECT_FALSE(shows && crosses) << left;
     EXPECT_FALSE(!shows && is_clear) << left;
+    const bool covers = silhouette.covers_square(left, kViewSide / 2, 4);
+    EXPECT_FALSE(covers && away > kLarge - 2) << left;
+    EXPECT_FALSE(!covers && away < kLarge - 4) << left;
     shown += shows ? 1 : 0;
   }
   EXPECT_GT(shown, 30);
