@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <optional>
-#include <set>
 #include <string>
 #include <thread>
 
@@ -28,6 +27,8 @@ v1::Experiment experiment_of(const ExperimentOptions& options) {
   return options.preset.empty() ? load_experiment(options.file)
                                 : experiment_of_preset(options.preset);
 }
+
+constexpr double kSecondsAnHour = 3600;
 
 // A bar for what is under way, a line for what is over.
 class Teller {
@@ -72,13 +73,32 @@ uint32_t torch_threads(const ExperimentOptions& options) {
                                    : std::max(1U, std::thread::hardware_concurrency());
 }
 
-// Which stages there are, and which are done.
-void print_stages(const v1::Experiment& experiment, const ExperimentOptions& options) {
-  std::set<std::string> done;
-  if (!options.folder.empty()) done = done_stages(experiment, options.folder);
-  for (const std::string& stage : stage_names(experiment)) {
-    print_result("{}{}\n", stage, done.contains(stage) ? ": done" : "");
+// What there is to do, what is done, and how long the rest takes on a machine like this one.
+void print_status(const v1::Experiment& experiment, const ExperimentOptions& options) {
+  double left = 0;
+  size_t untold = 0;  // stages of which nobody knows how long they take
+  for (const StageStatus& stage : stage_status(experiment, options.folder)) {
+    if (options.folder.empty()) {
+      print_result("{}\n", stage.name);
+      continue;
+    }
+    const Workload& workload = stage.workload;
+    const double part = workload.pieces > 0 ? std::min(1.0, workload.done / workload.pieces) : 0;
+    if (stage.is_done) {
+      print_result("{}: done, {:.2f} h\n", stage.name, workload.seconds / kSecondsAnHour);
+    } else if (stage.seconds_left) {
+      print_result("{}: {:.0f} %, {:.2f} h left\n", stage.name, 100 * part,
+                   *stage.seconds_left / kSecondsAnHour);
+    } else {
+      print_result("{}\n", stage.name);
+    }
+    left += stage.seconds_left.value_or(0);
+    untold += stage.seconds_left ? 0 : 1;
   }
+  if (options.folder.empty()) return;
+  print_result(
+      "{:.1f} h left{}\n", left / kSecondsAnHour,
+      untold == 0 ? "" : fmt::format(", and {} stages that are like none before them", untold));
 }
 
 }  // namespace
@@ -89,12 +109,12 @@ void run_experiment(const ExperimentOptions& options) {
     return;
   }
   const v1::Experiment experiment = experiment_of(options);
-  if (options.dry_run) return print_stages(experiment, options);
+  if (options.status) return print_status(experiment, options);
   if (options.folder.empty()) {
     throw Error(ErrorKind::kUsage, "where to? itn experiment FILE -o FOLDER");
   }
   check_folder_writable(options.folder);
-  Teller teller(stage_names(experiment).size());
+  Teller teller(stage_status(experiment, options.folder).size());
   const ExperimentResult result = run_experiment(
       experiment,
       {.folder = options.folder,

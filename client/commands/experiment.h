@@ -10,7 +10,7 @@ namespace itn {
 struct ExperimentOptions {
   std::string file, preset, folder;
   bool print_config = false;
-  bool dry_run = false;
+  bool status = false;
   int torch_threads = 0;
   WorkerFlags workers;
 };

@@ -26,8 +26,9 @@ void add_experiment_command(CLI::App& app) {
   command->add_option("-o,--output", options->folder,
                       "Folder of the experiment; required to run it");
   command->add_flag("--print-config", options->print_config, "Print the preset's file, and end");
-  command->add_flag("--dry-run", options->dry_run,
-                    "Print the stages, with -o which of them are done there, and end");
+  command->add_flag(
+      "--status,--dry-run", options->status,
+      "Print the stages, with -o what is done of them there and how many hours are left, and end");
   command
       ->add_option("--network-threads,--torch-threads", options->torch_threads,
                    "Threads of the networks; 0: one per processor")

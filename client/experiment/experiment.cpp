@@ -25,6 +25,7 @@
 #include "client/files/folder_lock.h"
 #include "client/scene/text_proto.h"
 #include "client/training/evaluation.h"
+#include "client/training/metrics_log.h"
 #include "client/training/similarity_predictor.h"
 #include "client/training/training.h"
 #include "common/error.h"
@@ -43,6 +44,8 @@ constexpr const char* kExperimentName = "experiment.textproto";
 constexpr const char* kRateName = "learning_rate.textproto";
 // To learn what a step costs.
 constexpr uint64_t kTrialSteps = 20;
+constexpr const char* kStepsOfRn = "steps of RN";
+constexpr const char* kStepsOfItn = "steps of ITN";
 constexpr const char* kTruth = "truth, rendered again";
 
 template <typename Message>
@@ -58,6 +61,12 @@ std::string write_text(const fs::path& path, const google::protobuf::Message& me
   const std::string text = to_text_proto(message);
   write_file_atomically(path, text);
   return text;
+}
+
+void add(const Workload& part, Workload& all) {
+  all.pieces += part.pieces;
+  all.done += part.done;
+  all.seconds += part.seconds;
 }
 
 // The CPU time that this process has taken.
@@ -242,6 +251,11 @@ class ExperimentRunner {
     if (!images_) images_.emplace(experiment_.rerendering(), dataset(), test(), folder("images"));
     return *images_;
   }
+  // `samples`: of each pixel, over those of an image that is compared.
+  Workload rerendered_images(double samples) const {
+    return {.unit = "images rendered again",
+            .pieces = samples * experiment_.rerendering().images()};
+  }
   double rate() { return read_text<v1::RateChoice>(folder(kRateName), "learning rate").rate(); }
   // That take as much processor time as the network that it is to take as long as took for its own
   // steps.
@@ -269,7 +283,10 @@ class ExperimentRunner {
 
 Stage ExperimentRunner::dataset_stage(const std::string& name, const fs::path& folder,
                                       std::function<DatasetPlan()> plan) {
-  return {name, {}, folder / kManifestName, [=, this] {
+  return {name,
+          {},
+          folder / kManifestName,
+          [=, this] {
             render_dataset(
                 plan(), folder, pool(),
                 [&](const DatasetProgress& now) {
@@ -277,6 +294,20 @@ Stage ExperimentRunner::dataset_stage(const std::string& name, const fs::path& f
                 },
                 run_.stop);
             return to_text(read_manifest(folder / kManifestName));
+          },
+          [=] {
+            const v1::Dataset manifest = plan().manifest;
+            std::vector<fs::path> files;
+            for (const v1::DatasetItem& item : manifest.items()) {
+              files.push_back(folder / item.file());
+            }
+            const FilesMade images = files_made(files);
+            const double noise = manifest.config().noise().target();
+            const double each = noise > 0 ? 1 / (noise * noise) : manifest.config().spp();
+            return Workload{.unit = noise > 0 ? "images of a noise" : "images of samples",
+                            .pieces = each * manifest.items_size(),
+                            .done = each * static_cast<double>(images.count),
+                            .seconds = images.seconds};
           }};
 }
 
@@ -306,7 +337,10 @@ std::string ExperimentRunner::train(const std::string& stage, const fs::path& fo
 Stage ExperimentRunner::rate_stage() {
   const std::string name = "learning rate";
   const fs::path path = folder(kRateName);
-  return {name, {"dataset"}, path, [=, this] {
+  return {name,
+          {"dataset"},
+          path,
+          [=, this] {
             v1::RateChoice choice;
             if (experiment_.rate_search().rates().empty()) {
               choice.set_rate(configured_rate(experiment_));
@@ -332,16 +366,29 @@ Stage ExperimentRunner::rate_stage() {
             if (best == HUGE_VAL)
               throw invalid_input("the training diverges with every learning rate");
             return write_text(path, choice);
+          },
+          [this] {
+            Workload all{.unit = kStepsOfRn};
+            for (const double rate : experiment_.rate_search().rates()) {
+              add(training_workload(folder("rates") / fmt::format("{:g}", rate), kStepsOfRn,
+                                    experiment_.rate_search().steps()),
+                  all);
+            }
+            return all;
           }};
 }
 
 Stage ExperimentRunner::shared_stage(const SharedStart& start) {
   const fs::path path = folder("shared") / start.file;
   const std::string name = stage_of(start);
-  return {name, {"dataset", "learning rate"}, path / kBestCheckpointName, [=, this] {
+  return {name,
+          {"dataset", "learning rate"},
+          path / kBestCheckpointName,
+          [=, this] {
             return train(name, path, shared_training(experiment_, *start.first, rate()),
                          std::nullopt, "shared start");
-          }};
+          },
+          [=, this] { return training_workload(path, kStepsOfRn, experiment_.shared_steps()); }};
 }
 
 Stage ExperimentRunner::network_stage(const v1::ExperimentNetwork& network) {
@@ -351,7 +398,8 @@ Stage ExperimentRunner::network_stage(const v1::ExperimentNetwork& network) {
   const auto start = start_of_.find(network.name());
   if (start != start_of_.end()) after.push_back(stage_of(start->second));
   if (!network.as_long_as().empty()) after.push_back("train " + network.as_long_as());
-  return {name, after, path / kBestCheckpointName, [=, this, &network] {
+  return {name, after, path / kBestCheckpointName,
+          [=, this, &network] {
             v1::TrainingConfig config = own_training(experiment_, network, rate());
             if (!network.as_long_as().empty()) config.set_steps(steps_in_time_of(network));
             return train(name, path, config,
@@ -359,6 +407,15 @@ Stage ExperimentRunner::network_stage(const v1::ExperimentNetwork& network) {
                              ? std::nullopt
                              : std::optional(folder("shared") / start->second.file),
                          network.name());
+          },
+          [=, this, &network] {
+            // One that is to take as long as another one is told by that one.
+            const v1::ExperimentNetwork& like =
+                network.as_long_as().empty() ? network : network_of(network.as_long_as());
+            const v1::TrainingConfig config = own_training(experiment_, like, 1);
+            return training_workload(
+                path, config.loss() == v1::TrainingConfig::RN ? kStepsOfRn : kStepsOfItn,
+                config.steps());
           }};
 }
 
@@ -393,36 +450,44 @@ Stage ExperimentRunner::prediction_stage(const v1::ExperimentNetwork& network) {
   std::vector<std::string> after = {"dataset", "colours", stage_of(network)};
   if (experiment_.has_other_noise()) after.emplace_back("other noise");
   const fs::path path = predictions_path(network.name());
-  return {name, after, path, [=, this, &network] {
+  return {name, after, path,
+          [=, this, &network] {
             run_.progress(name, "", 0, 0, "");
             return write_text(path, predict_test(network_folder(network), dataset(), other_noise(),
                                                  colours(), run_.stop));
-          }};
+          },
+          [] { return Workload{.unit = "predictions", .pieces = 1}; }};
 }
 
 Stage ExperimentRunner::reference_stage() {
   const std::string name = "images of the truth";
-  return {name, {"dataset"}, folder("images"), [=, this] {
+  return {name,
+          {"dataset"},
+          folder("images"),
+          [=, this] {
             images().render_references(
                 pool(),
                 [&](size_t done, size_t total) { run_.progress(name, "images", done, total, ""); },
                 run_.stop);
             return std::string(name);
-          }};
+          },
+          [this] { return rerendered_images(kReferenceSamples); }};
 }
 
 Stage ExperimentRunner::error_stage(const std::string& candidate, std::vector<std::string> after) {
   const std::string name = "images of " + candidate;
   after.insert(after.begin(), {"dataset", "images of the truth"});
   const fs::path path = errors_path(candidate);
-  return {name, after, path, [=, this] {
+  return {name, after, path,
+          [=, this] {
             return write_text(path, images().compare(
                                         file_name_of(candidate), materials_for(candidate), pool(),
                                         [&](size_t done, size_t total) {
                                           run_.progress(name, "images", done, total, "");
                                         },
                                         run_.stop));
-          }};
+          },
+          [this] { return rerendered_images(1); }};
 }
 
 Stage ExperimentRunner::colour_stage(const v1::ExperimentNetwork& network) {
@@ -438,7 +503,8 @@ Stage ExperimentRunner::colour_stage(const v1::ExperimentNetwork& network) {
                 [&](size_t done, size_t total) { run_.progress(name, "images", done, total, ""); },
                 run_.stop);
             return name;
-          }};
+          },
+          [] { return Workload{.unit = "colour pictures", .pieces = 1}; }};
 }
 
 Stage ExperimentRunner::refinement_stage(const std::string& candidate,
@@ -446,7 +512,8 @@ Stage ExperimentRunner::refinement_stage(const std::string& candidate,
   const std::string name = "refine from " + candidate;
   after.insert(after.begin(), "dataset");
   return {
-      name, after, folder("refinements"), [=, this] {
+      name, after, folder("refinements"),
+      [=, this] {
         std::string outputs;
         for (const v1::ExperimentRefinement& refinement : refine_images(
                  experiment_.refinement(), dataset(), test(), materials_for(candidate),
@@ -456,6 +523,17 @@ Stage ExperimentRunner::refinement_stage(const std::string& candidate,
           outputs += to_text_proto(refinement);
         }
         return outputs;
+      },
+      [=, this] {
+        Workload workload{.unit = "refinements",
+                          .pieces = static_cast<double>(experiment_.refinement().images())};
+        if (!fs::exists(folder("data") / kManifestName)) return workload;
+        const FilesMade images =
+            files_made(refinement_files(experiment_.refinement(), test().items.size(),
+                                        folder("refinements"), file_name_of(candidate)));
+        workload.done = static_cast<double>(images.count);
+        workload.seconds = images.seconds;
+        return workload;
       }};
 }
 
@@ -601,10 +679,10 @@ ExperimentResult ExperimentRunner::result(const std::vector<v1::StageRecord>& re
     report.networks.push_back(
         {.name = network.name(),
          .cost = read_cost(network_folder(network)),
-         .metrics = network_folder(network) / "metrics.jsonl",
+         .metrics = network_folder(network) / kMetricsName,
          .shared_metrics = start == start_of_.end()
                                ? fs::path()
-                               : folder("shared") / start->second.file / "metrics.jsonl",
+                               : folder("shared") / start->second.file / kMetricsName,
          .predictions = predictions_of(network.name())});
   }
   result.report = write_report(report, run_.folder);
@@ -613,20 +691,12 @@ ExperimentResult ExperimentRunner::result(const std::vector<v1::StageRecord>& re
 
 }  // namespace
 
-std::vector<std::string> stage_names(const v1::Experiment& experiment) {
-  const ExperimentRun nowhere;
-  ExperimentRunner study(experiment, nowhere);
-  std::vector<std::string> names;
-  for (const Stage& stage : study.stages()) names.push_back(stage.name);
-  return names;
-}
-
-std::set<std::string> done_stages(const v1::Experiment& experiment, const fs::path& folder) {
-  if (!was_begun(experiment, folder)) return {};
+std::vector<StageStatus> stage_status(const v1::Experiment& experiment, const fs::path& folder) {
+  was_begun(experiment, folder);
   ExperimentRun run;
   run.folder = folder;
-  return done_stages(ExperimentRunner(experiment, run).stages(), folder,
-                     to_text_proto_of_01(experiment));
+  return stage_status(ExperimentRunner(experiment, run).stages(), folder,
+                      to_text_proto_of_01(experiment));
 }
 
 ExperimentResult run_experiment(const v1::Experiment& experiment, const ExperimentRun& run) {

@@ -12,7 +12,6 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
-#include <set>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -36,13 +35,10 @@ struct ExperimentRun {
   std::stop_token stop;
 };
 
-// Names of all stages, in order.
-std::vector<std::string> stage_names(const v1::Experiment& experiment);
-
-// Names of those that are done in a folder, which need not exist. Throws Error (invalid input) if
-// something else than the experiment is there.
-std::set<std::string> done_stages(const v1::Experiment& experiment,
-                                  const std::filesystem::path& folder);
+// Of all stages, in order. `folder` need not exist. Throws Error (invalid input) if something else
+// than the experiment is there.
+std::vector<StageStatus> stage_status(const v1::Experiment& experiment,
+                                      const std::filesystem::path& folder);
 
 struct ExperimentResult {
   std::vector<Table> tables;

@@ -23,9 +23,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// The noise of references is half of that of the images that are compared with them.
-constexpr uint32_t kReferenceSamples = 4;
-
 // Branches of an item's seed, beside those of its image (dataset_render.cpp).
 constexpr uint64_t kReferenceBranch = 11, kComparedBranch = 12;
 

@@ -24,11 +24,13 @@ enum class ExperimentScene {
 inline constexpr ExperimentScene kExperimentScenes[] = {ExperimentScene::kSame,
                                                         ExperimentScene::kNovel};
 
+// Samples of a reference over those of the images that are compared with it: half of their noise.
+inline constexpr uint32_t kReferenceSamples = 4;
+
 // What to tell while images are rendered; called with how many of how many are done.
 using ImageProgress = std::function<void(size_t done, size_t total)>;
 
-// Images of the test that are rendered again, and their references: the truth, in four times the
-// samples.
+// Images of the test that are rendered again, and their references, of the truth.
 class ExperimentImages {
  public:
   // `folder`: where references and pictures are. `test` and dataset must outlive it.

@@ -8,6 +8,7 @@
 #include "client/scene/text_proto.h"
 #include "client/training/dataset_training.h"
 #include "client/training/evaluation.h"
+#include "client/training/metrics_log.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/files/read_file.h"
@@ -111,6 +112,15 @@ v1::NetworkCost train_network(v1::TrainingConfig config, DatasetReader& dataset,
   const v1::NetworkCost cost = clock.has_steps() ? clock.cost(config.steps()) : v1::NetworkCost();
   write_file_atomically(run.folder / kCostName, to_text_proto(cost));
   return cost;
+}
+
+Workload training_workload(const fs::path& folder, const std::string& unit, uint64_t steps) {
+  Workload workload{.unit = unit, .pieces = static_cast<double>(steps)};
+  for (const v1::TrainingMetrics& step : read_metrics(folder / kMetricsName)) {
+    ++workload.done;
+    workload.seconds += step.seconds();
+  }
+  return workload;
 }
 
 v1::NetworkCost read_cost(const fs::path& folder) {

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "client/dataset/dataset.h"
+#include "client/experiment/stages.h"
 #include "client/render_pool/render_pool.h"
 #include "itn/v1/experiment.pb.h"
 
@@ -30,6 +31,10 @@ struct NetworkRun {
 // validation split (best.itn). Returns the cost. Throws as train().
 v1::NetworkCost train_network(v1::TrainingConfig config, DatasetReader& dataset,
                               const NetworkRun& run);
+
+// What a run of so many steps has taken of them.
+Workload training_workload(const std::filesystem::path& folder, const std::string& unit,
+                           uint64_t steps);
 
 // The cost of a network that has been trained.
 v1::NetworkCost read_cost(const std::filesystem::path& folder);

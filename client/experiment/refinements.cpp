@@ -100,12 +100,20 @@ std::vector<v1::ExperimentRefinement> refine_images(
   return read_refinements(settings, test.items.size(), folder, name);
 }
 
+std::vector<fs::path> refinement_files(const v1::AnalysisBySynthesis& settings, size_t test_images,
+                                       const fs::path& folder, const std::string& name) {
+  std::vector<fs::path> files;
+  for (const uint32_t i : refined_images(settings, test_images)) {
+    files.push_back(file_of(folder, name, i));
+  }
+  return files;
+}
+
 std::vector<v1::ExperimentRefinement> read_refinements(const v1::AnalysisBySynthesis& settings,
                                                        size_t test_images, const fs::path& folder,
                                                        const std::string& name) {
   std::vector<v1::ExperimentRefinement> result;
-  for (const uint32_t i : refined_images(settings, test_images)) {
-    const fs::path path = file_of(folder, name, i);
+  for (const fs::path& path : refinement_files(settings, test_images, folder, name)) {
     parse_text_proto(read_file(path, "refinement"), path.string(), result.emplace_back());
   }
   return result;

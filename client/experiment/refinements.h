@@ -28,6 +28,12 @@ std::vector<v1::ExperimentRefinement> refine_images(
     std::span<const Material> starts, const std::filesystem::path& folder, const std::string& name,
     RenderPool& pool, const std::function<void(size_t, size_t)>& progress, std::stop_token stop);
 
+// The files of the refinements that begin with `name`, in order.
+std::vector<std::filesystem::path> refinement_files(const v1::AnalysisBySynthesis& settings,
+                                                    size_t test_images,
+                                                    const std::filesystem::path& folder,
+                                                    const std::string& name);
+
 // Reads the refinements that are done. Throws Error (kIo) if some are not.
 std::vector<v1::ExperimentRefinement> read_refinements(const v1::AnalysisBySynthesis& settings,
                                                        size_t test_images,

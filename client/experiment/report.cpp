@@ -180,16 +180,6 @@ std::string colour_section(const ExperimentReport& report, const fs::path& file)
 
 // --- Training ---
 
-std::vector<v1::TrainingMetrics> metrics_in(const fs::path& path) {
-  std::vector<v1::TrainingMetrics> metrics;
-  std::ifstream file(path);
-  for (std::string line; std::getline(file, line);) {
-    v1::TrainingMetrics& step = metrics.emplace_back();
-    if (!google::protobuf::util::JsonStringToMessage(line, &step).ok()) metrics.pop_back();
-  }
-  return metrics;
-}
-
 std::string training_section(const ExperimentReport& report, const fs::path& file) {
   std::array<Chart, 3> charts = {
       {{.title = "Distance to the truth (training)",
@@ -207,7 +197,7 @@ std::string training_section(const ExperimentReport& report, const fs::path& fil
     double before = 0;
     for (const fs::path& path : {network.shared_metrics, network.metrics}) {
       if (path.empty()) continue;
-      const std::vector<v1::TrainingMetrics> metrics = metrics_in(path);
+      const std::vector<v1::TrainingMetrics> metrics = read_metrics(path);
       // Means of so many steps are one point.
       const size_t block = std::max<size_t>(1, metrics.size() / 80);
       double regression = 0, image = 0;

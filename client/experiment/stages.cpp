@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <map>
+#include <numeric>
 #include <optional>
 
 #include "client/experiment/experiment_config.h"
@@ -79,20 +80,62 @@ void run_stages(std::span<const Stage> stages, const fs::path& folder, const std
   }
 }
 
-std::set<std::string> done_stages(std::span<const Stage> stages, const fs::path& folder,
-                                  const std::string& inputs) {
-  std::set<std::string> done;
+std::vector<StageStatus> stage_status(std::span<const Stage> stages, const fs::path& folder,
+                                      const std::string& inputs) {
+  std::vector<StageStatus> all;
   std::map<std::string, std::string> outputs;
+  std::map<std::string, double> pieces, seconds;  // that are done, by unit
   for (const Stage& stage : stages) {
+    StageStatus& status = all.emplace_back();
+    status.name = stage.name;
+    if (stage.workload) status.workload = stage.workload();
+    Workload& workload = status.workload;
     const auto is_made = [&](const std::string& name) { return outputs.contains(name); };
-    if (!std::ranges::all_of(stage.after, is_made)) continue;
-    const std::string digest = digest_of_inputs(stage, inputs, outputs);
-    if (const auto existing = record_if_done(folder, stage, digest)) {
-      outputs[stage.name] = existing->outputs_sha256();
-      done.insert(stage.name);
+    if (std::ranges::all_of(stage.after, is_made)) {
+      const std::string digest = digest_of_inputs(stage, inputs, outputs);
+      if (const auto existing = record_if_done(folder, stage, digest)) {
+        outputs[stage.name] = existing->outputs_sha256();
+        status.is_done = true;
+        if (workload.done == 0) {
+          workload.done = workload.pieces;
+          workload.seconds = existing->seconds();
+        }
+      }
+    }
+    pieces[workload.unit] += workload.done;
+    seconds[workload.unit] += workload.seconds;
+  }
+  for (StageStatus& status : all) {
+    const Workload& workload = status.workload;
+    if (status.is_done) {
+      status.seconds_left = 0;
+    } else if (seconds[workload.unit] > 0) {
+      status.seconds_left = std::max(0.0, workload.pieces - workload.done) *
+                            seconds[workload.unit] / pieces[workload.unit];
     }
   }
-  return done;
+  return all;
+}
+
+FilesMade files_made(std::span<const fs::path> files) {
+  std::vector<fs::file_time_type> times;
+  for (const fs::path& file : files) {
+    if (fs::exists(file)) times.push_back(fs::last_write_time(file));
+  }
+  if (times.size() < 2) return {times.size(), 0};
+  std::ranges::sort(times);
+  std::vector<double> gaps;
+  for (size_t i = 1; i < times.size(); ++i) {
+    gaps.push_back(std::chrono::duration<double>(times[i] - times[i - 1]).count());
+  }
+  // A pause is much longer than what most files took.
+  constexpr double kPause = 30;
+  std::ranges::sort(gaps);
+  const double longest = kPause * std::max(1.0, gaps[gaps.size() / 2]);
+  const auto end = std::ranges::upper_bound(gaps, longest);
+  const double sum = std::accumulate(gaps.begin(), end, 0.0);
+  return {times.size(),
+          sum * static_cast<double>(times.size()) / static_cast<double>(end - gaps.begin())};
 }
 
 std::vector<v1::StageRecord> stage_records(std::span<const Stage> stages, const fs::path& folder) {

@@ -3,7 +3,7 @@
 
 #include <filesystem>
 #include <functional>
-#include <set>
+#include <optional>
 #include <span>
 #include <stop_token>
 #include <string>
@@ -13,6 +13,14 @@
 
 namespace itn {
 
+// How much a stage is, and what of it is there.
+struct Workload {
+  std::string unit;  // what is counted; a piece takes about as long in all stages of this unit
+  double pieces = 0;
+  double done = 0;     // of these; 0 if the stage makes all at once
+  double seconds = 0;  // by the clock, that those took
+};
+
 struct Stage {
   std::string name;
   std::vector<std::string> after;  // names of stages before it, whose outputs it takes
@@ -20,6 +28,7 @@ struct Stage {
   // Makes it, going on where a call before was stopped; returns what tells its outputs from others,
   // e.g. a digest.
   std::function<std::string()> work;
+  std::function<Workload()> workload = {};  // optional
 };
 
 enum class StageState { kDone, kBegins, kEnds };
@@ -35,10 +44,26 @@ void run_stages(std::span<const Stage> stages, const std::filesystem::path& fold
                 const std::string& inputs, const std::function<double()>& cpu_seconds,
                 const StageReport& report, const std::stop_token& stop);
 
-// Names of those that run_stages() would leave as they are; none that come after one that is still
-// to be made, as what it will make is not known. The folder need not exist.
-std::set<std::string> done_stages(std::span<const Stage> stages,
-                                  const std::filesystem::path& folder, const std::string& inputs);
+struct StageStatus {
+  std::string name;
+  bool is_done =
+      false;  // run_stages() would leave it; not if one that it comes after is to be made
+  Workload workload;
+  std::optional<double> seconds_left;  // absent: no piece of its unit has been done yet
+};
+
+// Of all stages, in order. The folder need not exist.
+std::vector<StageStatus> stage_status(std::span<const Stage> stages,
+                                      const std::filesystem::path& folder,
+                                      const std::string& inputs);
+
+// Those of the files that are there, which are made one after another, and how long that took;
+// pauses between calls are left out.
+struct FilesMade {
+  size_t count = 0;
+  double seconds = 0;
+};
+FilesMade files_made(std::span<const std::filesystem::path> files);
 
 // The records of stages that are done, whatever their inputs are, in order.
 std::vector<v1::StageRecord> stage_records(std::span<const Stage> stages,

@@ -21,7 +21,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr const char* kLines = "metrics.jsonl";
 constexpr const char* kColumns = "metrics.csv";
 constexpr const char* kPicture = "curves.png";
 
@@ -102,7 +101,7 @@ Curve thinned(const Curve& curve) {
 MetricsLog::MetricsLog(const fs::path& folder, uint64_t step)
     : folder_(folder), curves_(std::size(kDrawn)) {
   // What is kept of the steps so far.
-  std::ifstream file(folder_ / kLines);
+  std::ifstream file(folder_ / kMetricsName);
   std::string lines, columns = names() + '\n', line;
   for (uint64_t i = 0; i < step && std::getline(file, line); ++i) {
     v1::TrainingMetrics metrics;
@@ -110,16 +109,16 @@ MetricsLog::MetricsLog(const fs::path& folder, uint64_t step)
       throw Error(ErrorKind::kDataLoss,
                   fmt::format("{}: line {} is not what itn train writes; remove the file to go on "
                               "without the curves of the past",
-                              (folder_ / kLines).string(), i + 1));
+                              (folder_ / kMetricsName).string(), i + 1));
     }
     remember(metrics);
     lines += line + '\n';
     columns += values(metrics) + '\n';
   }
   file.close();
-  write_file_atomically(folder_ / kLines, lines);
+  write_file_atomically(folder_ / kMetricsName, lines);
   write_file_atomically(folder_ / kColumns, columns);
-  lines_.emplace(folder_ / kLines);
+  lines_.emplace(folder_ / kMetricsName);
   columns_.emplace(folder_ / kColumns);
 }
 
@@ -156,6 +155,16 @@ void MetricsLog::draw() const {
     charts.back().curves.back().name = kDrawn[i].name;
   }
   if (!charts.empty()) write_charts(folder_ / kPicture, charts);
+}
+
+std::vector<v1::TrainingMetrics> read_metrics(const fs::path& path) {
+  std::vector<v1::TrainingMetrics> metrics;
+  std::ifstream file(path);
+  for (std::string line; std::getline(file, line);) {
+    v1::TrainingMetrics& step = metrics.emplace_back();
+    if (!google::protobuf::util::JsonStringToMessage(line, &step).ok()) metrics.pop_back();
+  }
+  return metrics;
 }
 
 }  // namespace itn

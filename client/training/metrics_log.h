@@ -37,4 +37,8 @@ class MetricsLog {
   std::vector<Curve> curves_;  // those that are drawn
 };
 
+// The file of a run that is for programs, and what it says, step by step; nothing if there is none.
+inline constexpr const char* kMetricsName = "metrics.jsonl";
+std::vector<v1::TrainingMetrics> read_metrics(const std::filesystem::path& file);
+
 }  // namespace itn

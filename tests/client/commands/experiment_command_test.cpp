@@ -119,10 +119,11 @@ TEST(ExperimentCommand, KilledAndContinuedGivesTheSameTables) {
   const Finished again = run(smoke(folder.path("whole")));
   EXPECT_EQ(again.output, whole.output);
   EXPECT_THAT(again.errors, Not(HasSubstr("steps/s")));
-  std::vector<std::string> dry = smoke(folder.path("whole"));
-  dry.push_back("--dry-run");
-  EXPECT_THAT(run(dry).output,
-              AllOf(HasSubstr("dataset: done\n"), HasSubstr("train ITN+similar+map: done\n")));
+  std::vector<std::string> status = smoke(folder.path("whole"));
+  status.push_back("--status");
+  EXPECT_THAT(run(status).output,
+              AllOf(HasSubstr("dataset: done, 0.0"), HasSubstr("train ITN+similar+map: done, 0.0"),
+                    HasSubstr("\n0.0 h left\n")));
   // Another experiment does not go there.
   const std::string other = content(folder.path("whole/experiment.textproto")) + "\nseed: 7\n";
   const Finished refused =
@@ -148,8 +149,8 @@ TEST(ExperimentCommand, PrintsItsPresets) {
   EXPECT_FALSE(fs::exists(folder.path("x")));
 }
 
-TEST(ExperimentCommand, DryRunNamesTheStages) {
-  const Finished printed = run({testing::kItn, "experiment", "--preset", "smoke", "--dry-run"});
+TEST(ExperimentCommand, StatusNamesTheStages) {
+  const Finished printed = run({testing::kItn, "experiment", "--preset", "smoke", "--status"});
   ASSERT_EQ(printed.exit_code, 0) << printed.errors;
   EXPECT_THAT(printed.output, HasSubstr("\ntrain ITN+similar+map\n"));
 }

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <filesystem>
 #include <set>
 
@@ -13,6 +14,7 @@
 namespace itn {
 namespace {
 
+namespace fs = std::filesystem;
 using ::testing::ElementsAre;
 using namespace testing;
 
@@ -31,7 +33,11 @@ class Stages : public ::testing::Test {
   std::vector<Stage> stages() { return {stage("first", {}), stage("second", {"first"})}; }
 
   std::set<std::string> done(const std::string& inputs = "experiment") {
-    return done_stages(stages(), folder_.path(), inputs);
+    std::set<std::string> names;
+    for (const StageStatus& status : stage_status(stages(), folder_.path(), inputs)) {
+      if (status.is_done) names.insert(status.name);
+    }
+    return names;
   }
 
   // The names of those that ran.
@@ -91,6 +97,40 @@ TEST_F(Stages, NoneBeginsAfterAStop) {
   expect_error(ErrorKind::kCancelled, {"interrupted"},
                [&] { run("experiment", stop.get_token()); });
   EXPECT_THAT(ran_, ElementsAre());
+}
+
+// Ten pieces took 20 seconds: what is left of the second stage takes 2 seconds for each of its
+// pieces; of the third nobody knows.
+TEST_F(Stages, TellHowLongTheRestTakes) {
+  std::vector<Stage> all = stages();
+  all.push_back(stage("third", {}));
+  all[0].workload = [] { return Workload{"steps", 10, 10, 20}; };
+  all[1].workload = [] { return Workload{"steps", 30, 5, 10}; };
+  all[2].workload = [] { return Workload{"images", 7, 0, 0}; };
+  fails_ = "second";
+  EXPECT_ANY_THROW(run());
+  const std::vector<StageStatus> status = stage_status(all, folder_.path(), "experiment");
+  ASSERT_EQ(status.size(), 3U);
+  EXPECT_TRUE(status[0].is_done);
+  EXPECT_EQ(status[0].seconds_left, 0);
+  EXPECT_FALSE(status[1].is_done);
+  EXPECT_EQ(status[1].seconds_left, 50);
+  EXPECT_FALSE(status[2].seconds_left.has_value());
+}
+
+// Files a second apart, but for a night between them; one is not there.
+TEST_F(Stages, PausesBetweenFilesAreLeftOut) {
+  std::vector<fs::path> files;
+  const fs::file_time_type start = fs::file_time_type::clock::now();
+  for (int i = 0; i < 20; ++i) {
+    files.push_back(folder_.write(std::to_string(i), ""));
+    fs::last_write_time(files.back(), start + std::chrono::seconds(i < 10 ? i : 30000 + i));
+  }
+  files.push_back(folder_.path("none"));
+  const FilesMade made = files_made(files);
+  EXPECT_EQ(made.count, 20U);
+  EXPECT_NEAR(made.seconds, 20, 1e-6);
+  EXPECT_EQ(files_made({}).count, 0U);
 }
 
 }  // namespace
