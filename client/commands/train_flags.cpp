@@ -244,6 +244,12 @@ void add_train_command(CLI::App& app) {
   config.add<uint32_t>("--batch", &Config::set_batch, "Images per step; default: 60 (paper), 32")
       ->check(number_in(1U, 65536U));
   config
+      .add<uint32_t>(
+          "--labels", &Config::set_labels,
+          "How many images have labels, chosen by --seed: rn learns from those alone, itn "
+          "from renders of the others, too; 0, the default: all")
+      ->check(number_in(0U, UINT32_MAX));
+  config
       .add<double>("--mean-weight", &Config::set_mean_weight,
                    "Of the squared distance of a Gaussian's mean to the truth, beside minus the "
                    "log-density of the truth; default: 0 (paper), 2")

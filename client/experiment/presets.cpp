@@ -257,9 +257,10 @@ dataset {
   resolution: 128
 )";
 
+// What the preset paper is like with images of 64 x 64 pixels, but for its first comment.
 constexpr std::string_view kSmallPaperExperiment =
-    R"(# The preset paper with images of 64 x 64 pixels, from which the encoder's six convolutions come down to
-# one pixel, 4 samples a pixel in the loss, and ITNs that go on from an RN of five epochs.
+    R"(# from which the encoder's six convolutions come down to one pixel, 4 samples a pixel in the loss, and
+# ITNs that go on from an RN of five epochs.
 training {
   augmentation { noise { min: 0.1 max: 0.1 } }
   spp: 4
@@ -269,6 +270,30 @@ steps: 5400
 rerendering { images: 400 spp: 64 shown: 6 }
 dataset {
   resolution: 64
+)";
+
+// A part of `dataset`.
+constexpr std::string_view kRoughSurface =
+    "  boundary { index { fixed: 1.4 } roughness { fixed: 0.25 } }\n";
+
+// Where few of the images have labels: renders need none.
+constexpr std::string_view kFewLabels = R"(
+networks {
+  name: "RN+similar, 60 labels"
+  settings { loss: RN parameterization: SIMILARITY labels: 60 }
+}
+networks {
+  name: "ITN+similar, 60 labels"
+  settings { loss: ITN parameterization: SIMILARITY image_weights: UNIFORM labels: 60 }
+}
+networks {
+  name: "RN+similar, 600 labels"
+  settings { loss: RN parameterization: SIMILARITY labels: 600 }
+}
+networks {
+  name: "ITN+similar, 600 labels"
+  settings { loss: ITN parameterization: SIMILARITY image_weights: UNIFORM labels: 600 }
+}
 )";
 
 // RN and ITN from three seeds, the first with other weights of the image term, too.
@@ -300,17 +325,27 @@ std::span<const ExperimentPreset> experiment_presets() {
   const auto joined = [](std::initializer_list<std::string_view> parts) {
     return fmt::format("{}{}", fmt::join(parts, ""), kFiveNetworks);
   };
-  static const std::array<std::string, 5> kFiles = {
-      joined({kSmokeExperiment}), joined({kSmallExperiment}),
-      joined({kPaperExperiment, kPaperProtocol}), few_shapes_experiment(),
-      joined({kSmallPaperExperiment, kPaperProtocol})};
-  static const std::array<ExperimentPreset, 6> kPresets = {{
+  static const std::array<std::string, 6> kFiles = {
+      joined({kSmokeExperiment}),
+      joined({kSmallExperiment}),
+      joined({kPaperExperiment, kPaperProtocol}),
+      few_shapes_experiment(),
+      joined({"# The preset paper with images of 64 x 64 pixels,\n", kSmallPaperExperiment,
+              kPaperProtocol}) +
+          std::string(kFewLabels),
+      joined({"# The preset paper_64 of objects with a rough surface, whose gloss the networks see "
+              "and the\n"
+              "# renderer in the loss knows: images of 64 x 64 pixels,\n",
+              kSmallPaperExperiment, kRoughSurface, kPaperProtocol})};
+  static const std::array<ExperimentPreset, 7> kPresets = {{
       {"smoke", "whether everything works, in less than a minute", kFiles[0]},
       {"small", "results that mean something, in less than an hour on two cores", kFiles[1]},
       {"ablation", "what the image term is worth, by how it is made", kAblationExperiment},
       {"few_shapes", "what the image term is worth where shapes are few, with three seeds",
        kFiles[3]},
-      {"paper_64", "the protocol of Che et al. 2020 at 64 pixels, in a day", kFiles[4]},
+      {"paper_64", "the protocol of Che et al. 2020 at 64 pixels, and with few labels, in a day",
+       kFiles[4]},
+      {"paper_64_gloss", "the same behind a rough surface", kFiles[5]},
       {"paper", "the protocol of Che et al. 2020, in days", kFiles[2]},
   }};
   return kPresets;

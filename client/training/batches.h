@@ -15,7 +15,7 @@ namespace itn {
 struct TrainingImages {
   std::vector<uint32_t> items;  // their numbers in the LabelledImages
   ImageBatch images;
-  std::vector<Material> truth;
+  std::vector<Material> truth;  // of the first of them; the others have no label
 };
 
 class Batches {
@@ -34,20 +34,23 @@ class Batches {
   virtual uint64_t image_count() const = 0;
 };
 
-// All images of a split, each once in every epoch.
+// All images of a split, each once in every epoch; if not all are labelled, those alone that are,
+// or half of a batch from those, and half from the others.
 class DatasetBatches final : public Batches {
  public:
   // What is referred to must outlive it. `seed`: of the order.
-  DatasetBatches(const LabelledImages& images, const PackedInputs& inputs, uint64_t seed);
+  DatasetBatches(const LabelledImages& images, const PackedInputs& inputs, uint64_t seed,
+                 bool labelled_alone = true);
 
   TrainingImages batch_at(uint64_t step, uint32_t size) override;
   int resolution() const override { return inputs_.format().resolution; }
-  uint64_t image_count() const override { return images_.items.size(); }
+  uint64_t image_count() const override { return items_.size() + others_.size(); }
 
  private:
   const LabelledImages& images_;
   const PackedInputs& inputs_;
-  EpochSampler sampler_;
+  std::vector<uint32_t> items_, others_;  // with labels, and without
+  EpochSampler sampler_, other_sampler_;
 };
 
 }  // namespace itn

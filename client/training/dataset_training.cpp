@@ -7,9 +7,13 @@
 #include "client/training/finalize_model.h"
 #include "client/training/image_source.h"
 #include "client/training/rerendering_loss.h"
+#include "common/random.h"
 
 namespace itn {
 namespace {
+
+// A branch of the tree of random choices below a run's seed, beside those of training.cpp.
+constexpr uint64_t kLabels = 5;
 
 // `fitted` (fit_model()), or `from` with its weights. One that goes on from a model of the other
 // exposure sees images on the scale of these, whose mean is 1 in both cases.
@@ -34,6 +38,12 @@ const v1::TrainingConfig& validated(const v1::TrainingConfig& config) {
   validate(config);
   set_torch_threads(static_cast<int>(config.torch_threads()));
   return config;
+}
+
+// The labels that the configuration leaves to them. Runs of one seed have the same.
+LabelledImages with_labels(LabelledImages images, const v1::TrainingConfig& config) {
+  keep_labels(config.labels(), derive_seed(config.seed(), {kLabels}), images);
+  return images;
 }
 
 RerenderingEvaluator image_term_of(const v1::TrainingConfig& config,
@@ -61,7 +71,7 @@ DatasetTraining::DatasetTraining(const v1::TrainingConfig& config, DatasetReader
                                  const std::optional<v1::Model>& from, TrainingRun run)
     : config_(validated(config)),
       run_(std::move(run)),
-      images_(images_of(dataset, v1::SPLIT_TRAIN)),
+      images_(with_labels(images_of(dataset, v1::SPLIT_TRAIN), config)),
       inputs_(images_, format_of(config, images_), run_.folder, run_.stop,
               has_first_order_augmentation(config)) {
   if (run_.validate_every > 0 && !dataset.items(v1::SPLIT_VALIDATION).empty()) {

@@ -19,7 +19,7 @@ namespace itn {
 struct Batch {
   uint64_t step = 0;
   std::span<const uint32_t> items;  // their numbers in the LabelledImages
-  torch::Tensor targets;            // batch x 3: the truth, standardised
+  torch::Tensor targets;            // labelled x 3: the truth of the first items, standardised
 };
 
 struct LossTerm {
@@ -30,7 +30,8 @@ struct LossTerm {
 class Loss {
  public:
   virtual ~Loss() = default;
-  // `outputs`: batch x outputs, a constant to torch. May throw Error.
+  // `outputs`: batch x outputs, a constant to torch; of a loss that takes targets, of the items
+  // that have some. May throw Error.
   virtual LossTerm evaluate(const Batch& batch, const torch::Tensor& outputs) = 0;
 };
 

@@ -139,7 +139,8 @@ class RunningStatistics {
 std::unique_ptr<Batches> batches_of(const v1::TrainingConfig& config, const LabelledImages& images,
                                     const PackedInputs& inputs, const v1::Model& model) {
   std::unique_ptr<Batches> batches =
-      std::make_unique<DatasetBatches>(images, inputs, derive_seed(config.seed(), {kOrder}));
+      std::make_unique<DatasetBatches>(images, inputs, derive_seed(config.seed(), {kOrder}),
+                                       config.loss() == v1::TrainingConfig::RN);
   if (!has_first_order_augmentation(config)) return batches;
   return std::make_unique<FirstOrderAugmentation>(
       std::move(batches), *inputs.derivatives(), model.bounds(),
@@ -303,8 +304,13 @@ v1::TrainingMetrics Trainer::step() {
       forward(*encoder_, input_of(taken.images, state_.step()), config.precision());
   if (!is_finite(outputs)) throw diverged("the network's answers are");
   // Add up the terms of the loss.
-  const LossTerm regression = regression_loss_->evaluate(batch, outputs.detach());
-  torch::Tensor gradient = regression.gradient;
+  const int64_t count = outputs.size(0), labelled = batch.targets.size(0);
+  const LossTerm regression =
+      regression_loss_->evaluate(batch, outputs.slice(0, 0, labelled).detach());
+  torch::Tensor gradient = torch::zeros_like(outputs);
+  // A mean over all of the batch is taken below, and this one is over those with labels.
+  gradient.slice(0, 0, labelled)
+      .copy_(regression.gradient * (static_cast<double>(count) / static_cast<double>(labelled)));
   metrics.set_regression_loss(regression.value);
   if (image_loss_) {
     const LossTerm image = image_loss_->evaluate(batch, outputs.detach());

@@ -1,10 +1,12 @@
 #include "client/training/training_set.h"
 
+#include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <cmath>
 
+#include "client/dataset/sampler.h"
 #include "common/error.h"
 #include "common/learning/parameterization.h"
 #include "common/scene/material_proto.h"
@@ -56,6 +58,17 @@ LabelledImages images_of(DatasetReader& dataset, v1::Split split) {
   return images;
 }
 
+void keep_labels(uint32_t count, uint64_t seed, LabelledImages& images) {
+  const auto all = static_cast<uint32_t>(images.items.size());
+  if (count > all) {
+    throw invalid_input(fmt::format("labels is {}; the training split has {} images", count, all));
+  }
+  images.labelled.clear();
+  if (count == 0 || count == all) return;
+  images.labelled = permutation(all, seed);
+  images.labelled.resize(count);
+}
+
 v1::Model fit_model(const LabelledImages& images, double mean_radiance,
                     const v1::MaterialRange& range, const v1::TrainingConfig& config) {
   if (!(mean_radiance > 0)) {
@@ -71,7 +84,9 @@ v1::Model fit_model(const LabelledImages& images, double mean_radiance,
   model.set_parameterization(config.parameterization());
   model.set_image_scale(1 / mean_radiance);
   *model.mutable_bounds() = prediction_bounds(range);
-  fit_coordinates(images.truth, model);
+  std::vector<Material> labels;
+  for (const uint32_t i : images.labelled) labels.push_back(images.truth[i]);
+  fit_coordinates(labels.empty() ? images.truth : labels, model);
   return model;
 }
 

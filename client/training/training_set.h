@@ -16,6 +16,8 @@ struct LabelledImages {
   int resolution = 0;
   std::vector<const v1::DatasetItem*> items;
   std::vector<Material> truth;
+  // Numbers of the items whose truth may be learned from; empty: all.
+  std::vector<uint32_t> labelled;
   // By the number of the item. Images are read when they are asked for, and not kept. `read` and
   // `derivatives` may be called from several threads at a time, `scene` may not; they throw as
   // DatasetReader does.
@@ -28,8 +30,12 @@ struct LabelledImages {
 // none.
 LabelledImages images_of(DatasetReader& dataset, v1::Split split);
 
+// Lets so many items, chosen by a seed, keep their labels; 0: all. Throws Error (invalid input) if
+// there are not so many.
+void keep_labels(uint32_t count, uint64_t seed, LabelledImages& images);
+
 // A model without weights, as the configuration says: coordinates standardised by the mean and
-// standard deviation of the truth, radiance scaled so that its mean over the objects is 1,
+// standard deviation of the labels, radiance scaled so that its mean over the objects is 1,
 // predictions bounded by the range of the dataset's materials and a margin. Throws Error (invalid
 // input) if all images are black or all materials are the same in some coordinate.
 v1::Model fit_model(const LabelledImages& images, double mean_radiance,

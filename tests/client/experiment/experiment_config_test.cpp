@@ -81,7 +81,7 @@ TEST(ExperimentFile, PresetsAreFilesThatCanBeRead) {
     EXPECT_EQ(to_text_proto(loaded(to_text_proto(experiment))), to_text_proto(experiment));
   }
   expect_error(ErrorKind::kInvalidInput,
-               {"\"tiny\"", "smoke, small, ablation, few_shapes, paper_64, paper"},
+               {"\"tiny\"", "smoke, small, ablation, few_shapes, paper_64, paper_64_gloss, paper"},
                [] { find_experiment_preset("tiny"); });
 }
 

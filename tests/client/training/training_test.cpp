@@ -6,6 +6,7 @@
 #include <numbers>
 #include <numeric>
 #include <optional>
+#include <set>
 
 #include <gmock/gmock.h>
 
@@ -19,6 +20,7 @@
 #include "server/render/weighted_image_loss.h"
 #include "tests/client/training/training_fixture.h"
 #include "tests/support/bfloat16.h"
+#include "tests/support/expect_error.h"
 
 namespace itn {
 namespace {
@@ -179,6 +181,56 @@ INSTANTIATE_TEST_SUITE_P(Losses, ResumeTest,
                          [](const auto& test) {
                            return v1::TrainingConfig::Loss_Name(test.param);
                          });
+
+// What is trained with three labels depends on the truth of these, and on no other.
+TEST_F(TrainingTest, TruthWithoutALabelTellsNothing) {
+  keep_labels(3, 1, images_);
+  ASSERT_EQ(images_.labelled.size(), 3U);
+  std::vector<uint32_t> others = all_items();
+  for (const uint32_t i : images_.labelled) std::erase(others, i);
+  for (const auto loss : {v1::TrainingConfig::RN, v1::TrainingConfig::ITN}) {
+    const auto trained_with = [&](const LabelledImages& images) {
+      begin_anew();
+      const PackedInputs inputs(images, kPaperFormat, folder_);
+      const v1::TrainingConfig c = config(loss, 6);
+      train(c, images, inputs, fit_model(images, inputs.mean_radiance(), range_, c),
+            loss == v1::TrainingConfig::ITN ? render_batch : RerenderingEvaluator(), run());
+      return digest();
+    };
+    LabelledImages other = images_;  // the same images
+    const std::string digest = trained_with(images_);
+    for (const uint32_t i : others) other.truth[i].albedo = 0.5;
+    EXPECT_EQ(trained_with(other), digest);
+    other.truth[images_.labelled[1]].albedo = 0.5;
+    EXPECT_NE(trained_with(other), digest);
+  }
+}
+
+// Half of an ITN's batch has labels, and half has none; each image comes once before any comes
+// again.
+TEST_F(TrainingTest, BatchesOfFewLabelsAreHalfOfThose) {
+  keep_labels(4, 1, images_);
+  DatasetBatches batches(images_, *inputs_, 3, false);
+  std::multiset<uint32_t> with, without;
+  for (uint64_t step = 0; step < 4; ++step) {
+    const TrainingImages taken = batches.batch_at(step, 4);
+    ASSERT_EQ(taken.items.size(), 4U);
+    ASSERT_EQ(taken.truth.size(), 2U);
+    with.insert(taken.items.begin(), taken.items.begin() + 2);
+    without.insert(taken.items.begin() + 2, taken.items.end());
+  }
+  for (const uint32_t i : all_items()) {
+    const bool is_labelled = std::ranges::count(images_.labelled, i) > 0;
+    EXPECT_EQ(with.count(i), is_labelled ? 2U : 0U);
+    EXPECT_EQ(without.count(i), is_labelled ? 0U : 1U);
+  }
+  DatasetBatches labelled(images_, *inputs_, 3, true);
+  for (const uint32_t i : labelled.batch_at(0, 4).items) {
+    EXPECT_EQ(std::ranges::count(images_.labelled, i), 1);
+  }
+  expect_error(ErrorKind::kInvalidInput, {"labels is 13", "12 images"},
+               [&] { keep_labels(13, 1, images_); });
+}
 
 TEST_F(TrainingTest, AFailedStepChangesNothing) {
   const v1::TrainingConfig c = config(v1::TrainingConfig::ITN);
