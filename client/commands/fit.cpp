@@ -95,6 +95,11 @@ void check(const FitOptions& options) {
     }
     return;
   }
+  if (!is_by_flash(options) && !is_in_sun(options) && !fs::exists(options.light)) {
+    throw Error(ErrorKind::kIo,
+                fmt::format("--light is flash, sun or the file of a panorama; there is no file {}",
+                            options.light));
+  }
   const bool is_turned =
       !options.panorama_turn.empty() || options.camera_down != FitOptions().camera_down;
   if (is_by_flash(options) && is_turned) {
@@ -166,13 +171,17 @@ void refuse_if_huge(const FitOptions& options, double size) {
                                   options.object_size.empty() ? "--mesh-unit" : "--object-size"));
 }
 
-// A photograph is hardly ever taken from so near.
-void warn_if_near(const v1::FitPose& pose, double size) {
-  constexpr double kNear = 70, kSmall = 15;  // mm
+// A photograph is hardly ever taken from so near, and never from nearer than a camera can see
+// sharply.
+void check_distance(const FitOptions& options, const v1::FitPose& pose, double size) {
+  constexpr double kNearest = 20, kNear = 70, kSmall = 15;  // mm
   if (pose.range() >= kNear || size >= kSmall) return;
-  spdlog::warn(
-      "{}: an object of {:.3g} mm would stand {:.0f} mm before the camera: is --object-size in mm?",
-      pose.image(), size, pose.range());
+  const std::string what = fmt::format(
+      "{}: an object of {:.3g} mm would stand {:.2g} mm before the camera: is {} right?",
+      pose.image(), size, pose.range(),
+      options.object_size.empty() ? "--mesh-unit" : "--object-size");
+  if (pose.range() < kNearest) throw invalid_input(what);
+  spdlog::warn("{}", what);
 }
 
 // Files in a folder: the options of its fit, and its poses, a FitResult without results.
@@ -233,7 +242,7 @@ void write_posed_scenes(FitOptions options, const fs::path& folder, RefineOption
       if (is_in_sun(options)) pose.set_sun_elevation(stand.stand.sun_elevation);
     }
     *pose.mutable_start() = to_proto(of_similar_light(stand.material, options.g));
-    warn_if_near(pose, longest_side(bounds(mesh)));
+    check_distance(options, pose, longest_side(bounds(mesh)));
     // The flash is that of the first photograph.
     if (!options.card_distance) options.card_distance = flash_range(stand.stand, mesh, options);
     place(stand.stand, mesh, options, scene);
@@ -301,8 +310,8 @@ std::string to_text(const v1::FitResult& result, const fs::path& folder) {
   std::string text;
   for (const v1::FitPose& pose : result.poses()) {
     text += fmt::format(
-        "{}: the object stands {:.0f} mm from the camera ({:.1f} %, {:.1f} degrees); its "
-        "silhouette covers {:.1f} % of what it and the mask cover\n",
+        "{}: the object stands {:.0f} mm from the camera (within {:.1f} %, turned within {:.1f} "
+        "degrees); its silhouette and the mask share {:.1f} % of what either covers\n",
         pose.image(), pose.range(), 100 * pose.range_error(), pose.angle_error(),
         100 * pose.overlap());
     if (pose.ambiguous()) {
@@ -327,10 +336,12 @@ std::string to_text(const v1::FitResult& result, const fs::path& folder) {
     }
   }
   text += to_table(std::vector(result.results().begin(), result.results().end()));
-  text += std::ranges::all_of(result.results(), has_intervals)
-              ? "lengths in mm, with 95 % intervals, which know nothing of an error of size "
-                "or focal length, nor of a larger error of shape than --shape-error\n"
-              : "lengths in mm\n";
+  if (!std::ranges::all_of(result.results(), has_intervals)) {
+    return text + "lengths in mm; no material to use, as its intervals are unknown\n";
+  }
+  text +=
+      "lengths in mm, with 95 % intervals, which know nothing of an error of size or focal length, "
+      "nor of a larger error of shape than --shape-error\n";
   return text + fmt::format("for renderers: itn materials --refined {} --format openpbr\n",
                             folder.string());
 }

@@ -50,9 +50,11 @@ inline CLI::Option* add_gray_card_flags(CLI::App& app, PhotographOptions& option
   CLI::Option* const card = app.add_option_function<std::string>(
       "--gray-card",
       [&options](const std::string& text) { options.gray_card = parsed_rectangle(text); },
-      "X,Y,W,H: pixels of a gray card that lies flat beside the object, facing up; by flash alone "
-      "it faces the camera");
+      "X,Y,W,H: pixels of a gray card beside the object; by flash it faces the camera, else it "
+      "lies "
+      "flat and faces up");
   app.add_option("--gray-reflectance,--gray", options.gray, "Reflectance of the gray card")
+      ->transform(kPercentToPart)
       ->check(number_in(0.01, 1.0))
       ->needs(card)
       ->capture_default_str();

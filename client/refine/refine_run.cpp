@@ -123,8 +123,7 @@ PanelRow panels_of(const Observation& observation, const Render& fit, double exp
 
 const char* in_words(v1::RefineResult::End end) {
   switch (end) {
-    case v1::RefineResult::NOISE_OF_IMAGE:
-      return "what is left is noise of the image, which more samples do not reduce";
+    case v1::RefineResult::NOISE_OF_IMAGE: return "more samples would not make it more certain";
     case v1::RefineResult::TOLERANCE: return "the tolerance is reached";
     case v1::RefineResult::MAX_SPP:
       return "as many samples were taken as --max-spp allows; more would make it more certain";

@@ -138,8 +138,7 @@ void add_misfit(const Descent& descent, uint32_t block, v1::RefineResult& result
   // of as much as small errors of a scene make.
   constexpr double kLeast = 0.003, kLeastOfSquares = 0.025;
   constexpr const char* kQuestion =
-      "Are shape, light, camera, exposure and boundary those of the scene? The intervals know of "
-      "noise alone, and do not hold";
+      "Are shape, size, light, camera, exposure and boundary those of the scene? No interval holds";
   const double noise = descent.noise_loss();
   const Structure& structure = descent.structure();
   const bool hangs_together = structure.is_misfit(block > 1 ? kLeastOfSquares : kLeast);
@@ -161,11 +160,12 @@ void add_misfit(const Descent& descent, uint32_t block, v1::RefineResult& result
   if (structure.is_known()) result.set_shared_difference(structure.relative());
   if (noise > 0 || result.misfit()) return;
   const std::string unsaid =
-      "nothing says how noisy the image is, as an EXR's layer stderr.Y would";
+      "how noisy the image is nothing says, as an EXR's layer stderr.Y would";
   if (structure.is_known()) {
-    result.add_remarks(unsaid +
-                       ": a difference to the renders would be told where it hangs together over "
-                       "pixels, and none does by enough");
+    result.add_remarks(fmt::format(
+        "no misfit is seen: differences of image and renders hang together over pixels by "
+        "no more than noise, or {:.2g} % of the radiance ({})",
+        100 * (block > 1 ? kLeastOfSquares : kLeast), unsaid));
   } else {
     result.add_remarks(
         unsaid +

@@ -228,8 +228,8 @@ TEST_F(TrainingTest, BatchesOfFewLabelsAreHalfOfThose) {
   for (const uint32_t i : labelled.batch_at(0, 4).items) {
     EXPECT_EQ(std::ranges::count(images_.labelled, i), 1);
   }
-  expect_error(ErrorKind::kInvalidInput, {"labels is 13", "12 images"},
-               [&] { keep_labels(13, 1, images_); });
+  testing::expect_error(ErrorKind::kInvalidInput, {"labels is 13", "12 images"},
+                        [&] { keep_labels(13, 1, images_); });
 }
 
 TEST_F(TrainingTest, AFailedStepChangesNothing) {
