@@ -102,8 +102,9 @@ void place(const Stand& stand, const Mesh& shape, const FitOptions& options, v1:
 std::vector<float> pixels_of_object(const FitPhotograph& photograph, const Mesh& shape,
                                     const Pose& pose);
 
-// The same, but 0 at contours of one part of the object before another, too: a shape that is a
-// little off shows something else there. They tell poses apart, and nothing of the material.
+// pixels_of_object(), but 0 at contours of one part of the object before another, too: a shape that
+// is a little off shows something else there. Contours tell poses apart, and nothing of the
+// material.
 std::vector<float> pixels_of_surfaces(const FitPhotograph& photograph, const Mesh& shape,
                                       const Pose& pose);
 

@@ -250,7 +250,7 @@ class Training {
   // The model of the run that goes on, or of the one that a new run starts from.
   std::optional<v1::Model> start() const { return existing_ ? existing_->model() : init_; }
 
-  // As the options say, but for what is reported.
+  // The run that the options ask for, without what it reports to.
   TrainingRun run() const {
     TrainingRun run;
     run.folder = options_.folder;

@@ -35,8 +35,8 @@ struct ExperimentRun {
   std::stop_token stop;
 };
 
-// Of all stages, in order. `folder` need not exist. Throws Error (invalid input) if something else
-// than the experiment is there.
+// Says how far each stage is, in order. `folder` need not exist. Throws Error (invalid input) if
+// something else than the experiment is there.
 std::vector<StageStatus> stage_status(const v1::Experiment& experiment,
                                       const std::filesystem::path& folder);
 

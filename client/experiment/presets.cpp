@@ -276,7 +276,7 @@ dataset {
 constexpr std::string_view kRoughSurface =
     "  boundary { index { fixed: 1.4 } roughness { fixed: 0.25 } }\n";
 
-// Where few of the images have labels: renders need none.
+// Networks that learn where few of the images have labels: renders need none.
 constexpr std::string_view kFewLabels = R"(
 networks {
   name: "RN+similar, 60 labels"

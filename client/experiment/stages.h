@@ -52,17 +52,16 @@ struct StageStatus {
   std::optional<double> seconds_left;  // absent: no piece of its unit has been done yet
 };
 
-// Of all stages, in order. The folder need not exist.
+// Says how far each stage is, in order. The folder need not exist.
 std::vector<StageStatus> stage_status(std::span<const Stage> stages,
                                       const std::filesystem::path& folder,
                                       const std::string& inputs);
 
-// Those of the files that are there, which are made one after another, and how long that took;
-// pauses between calls are left out.
 struct FilesMade {
   size_t count = 0;
-  double seconds = 0;
+  double seconds = 0;  // without the pauses between calls
 };
+// Counts those of the files that are there, which are made one after another.
 FilesMade files_made(std::span<const std::filesystem::path> files);
 
 // The records of stages that are done, whatever their inputs are, in order.

@@ -92,10 +92,10 @@ TEST(Refinement, TellsDifferencesThatHangTogether) {
       settings.set_max_spp(1024);
       settings.set_block(block);
       const v1::RefineResult result = refined(model, {observation}, settings, {kStart});
-      EXPECT_EQ(
-          result.misfit(),
-          result.remarks_size() > 0 &&
-              result.remarks(result.remarks_size() - 1).find("do not hold") != std::string::npos);
+      EXPECT_EQ(result.misfit(),
+                result.remarks_size() > 0 &&
+                    result.remarks(result.remarks_size() - 1).find("No interval holds") !=
+                        std::string::npos);
       count += result.misfit() ? 1 : 0;
     }
     return count;
@@ -723,7 +723,7 @@ TEST(Refinement, SaysThatTheSceneIsAnother) {
   settings.set_max_spp(512);
   const v1::RefineResult r = refined(model, {observation}, settings, {kStart});
   ASSERT_FALSE(r.remarks().empty());
-  EXPECT_THAT(r.remarks(r.remarks_size() - 1), ::testing::HasSubstr("shape, light"));
+  EXPECT_THAT(r.remarks(r.remarks_size() - 1), ::testing::HasSubstr("shape, size, light"));
   EXPECT_TRUE(r.misfit());
   // No interval in words.
   for (const std::string& remark : r.remarks()) {
