@@ -75,13 +75,13 @@ uint32_t torch_threads(const ExperimentOptions& options) {
 
 // What there is to do, what is done, and how long the rest takes on a machine like this one.
 void print_status(const v1::Experiment& experiment, const ExperimentOptions& options) {
+  if (options.folder.empty()) {
+    for (const std::string& stage : stage_names(experiment)) print_result("{}\n", stage);
+    return;
+  }
   double left = 0;
   size_t untold = 0;  // stages of which nobody knows how long they take
   for (const StageStatus& stage : stage_status(experiment, options.folder)) {
-    if (options.folder.empty()) {
-      print_result("{}\n", stage.name);
-      continue;
-    }
     const Workload& workload = stage.workload;
     const double part = workload.pieces > 0 ? std::min(1.0, workload.done / workload.pieces) : 0;
     if (stage.is_done) {
@@ -95,7 +95,6 @@ void print_status(const v1::Experiment& experiment, const ExperimentOptions& opt
     left += stage.seconds_left.value_or(0);
     untold += stage.seconds_left ? 0 : 1;
   }
-  if (options.folder.empty()) return;
   print_result(
       "{:.1f} h left{}\n", left / kSecondsAnHour,
       untold == 0 ? "" : fmt::format(", and {} stages that are like none before them", untold));
@@ -114,7 +113,7 @@ void run_experiment(const ExperimentOptions& options) {
     throw Error(ErrorKind::kUsage, "where to? itn experiment FILE -o FOLDER");
   }
   check_folder_writable(options.folder);
-  Teller teller(stage_status(experiment, options.folder).size());
+  Teller teller(stage_names(experiment).size());
   const ExperimentResult result = run_experiment(
       experiment,
       {.folder = options.folder,

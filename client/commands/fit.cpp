@@ -163,12 +163,16 @@ std::optional<double> of_photograph(const std::vector<double>& all, size_t i) {
   return all[std::min(i, all.size() - 1)];
 }
 
+// What says how large the object is.
+const char* size_flag(const FitOptions& options) {
+  return options.object_size.empty() ? "--mesh-unit" : "--object-size";
+}
+
 void refuse_if_huge(const FitOptions& options, double size) {
   constexpr double kHuge = 5000;  // mm
   if (size <= kHuge) return;
   throw invalid_input(fmt::format("{} is {:.4g} mm large; it must be {} mm at most: is {} right?",
-                                  options.shape, size, kHuge,
-                                  options.object_size.empty() ? "--mesh-unit" : "--object-size"));
+                                  options.shape, size, kHuge, size_flag(options)));
 }
 
 // A photograph is hardly ever taken from so near, and never from nearer than a camera can see
@@ -178,8 +182,7 @@ void check_distance(const FitOptions& options, const v1::FitPose& pose, double s
   if (pose.range() >= kNear || size >= kSmall) return;
   const std::string what = fmt::format(
       "{}: an object of {:.3g} mm would stand {:.2g} mm before the camera: is {} right?",
-      pose.image(), size, pose.range(),
-      options.object_size.empty() ? "--mesh-unit" : "--object-size");
+      pose.image(), size, pose.range(), size_flag(options));
   if (pose.range() < kNearest) throw invalid_input(what);
   spdlog::warn("{}", what);
 }

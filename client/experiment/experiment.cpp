@@ -691,6 +691,14 @@ ExperimentResult ExperimentRunner::result(const std::vector<v1::StageRecord>& re
 
 }  // namespace
 
+std::vector<std::string> stage_names(const v1::Experiment& experiment) {
+  const ExperimentRun nowhere;
+  ExperimentRunner study(experiment, nowhere);
+  std::vector<std::string> names;
+  for (const Stage& stage : study.stages()) names.push_back(stage.name);
+  return names;
+}
+
 std::vector<StageStatus> stage_status(const v1::Experiment& experiment, const fs::path& folder) {
   was_begun(experiment, folder);
   ExperimentRun run;

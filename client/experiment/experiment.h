@@ -35,6 +35,9 @@ struct ExperimentRun {
   std::stop_token stop;
 };
 
+// Names of all stages, in order.
+std::vector<std::string> stage_names(const v1::Experiment& experiment);
+
 // Says how far each stage is, in order. `folder` need not exist. Throws Error (invalid input) if
 // something else than the experiment is there.
 std::vector<StageStatus> stage_status(const v1::Experiment& experiment,

@@ -276,25 +276,24 @@ dataset {
 constexpr std::string_view kRoughSurface =
     "  boundary { index { fixed: 1.4 } roughness { fixed: 0.25 } }\n";
 
+std::string network(const std::string& name, const std::string& settings,
+                    const std::string& rest = "") {
+  return fmt::format("networks {{ name: \"{}\" settings {{ {} }} {} }}\n", name, settings, rest);
+}
+
 // Networks that learn where few of the images have labels: renders need none.
-constexpr std::string_view kFewLabels = R"(
-networks {
-  name: "RN+similar, 60 labels"
-  settings { loss: RN parameterization: SIMILARITY labels: 60 }
+std::string few_labels() {
+  std::string file;
+  for (const int labels : {60, 600}) {
+    file += network(fmt::format("RN+similar, {} labels", labels),
+                    fmt::format("loss: RN parameterization: SIMILARITY labels: {}", labels));
+    file += network(
+        fmt::format("ITN+similar, {} labels", labels),
+        fmt::format("loss: ITN parameterization: SIMILARITY image_weights: UNIFORM labels: {}",
+                    labels));
+  }
+  return file;
 }
-networks {
-  name: "ITN+similar, 60 labels"
-  settings { loss: ITN parameterization: SIMILARITY image_weights: UNIFORM labels: 60 }
-}
-networks {
-  name: "RN+similar, 600 labels"
-  settings { loss: RN parameterization: SIMILARITY labels: 600 }
-}
-networks {
-  name: "ITN+similar, 600 labels"
-  settings { loss: ITN parameterization: SIMILARITY image_weights: UNIFORM labels: 600 }
-}
-)";
 
 // RN and ITN from three seeds, the first with other weights of the image term, too.
 std::string few_shapes_experiment() {
@@ -302,8 +301,7 @@ std::string few_shapes_experiment() {
   std::string file(kFewShapesExperiment);
   const auto add = [&](const std::string& name, int seed, const std::string& settings,
                        const std::string& rest = "") {
-    file += fmt::format("networks {{ name: \"{}\" settings {{ seed: {} {} }} {} }}\n", name, seed,
-                        settings, rest);
+    file += network(name, fmt::format("seed: {} {}", seed, settings), rest);
   };
   for (int seed = 1; seed <= kSeeds; ++seed) {
     const auto named = [&](const char* kind) { return fmt::format("{}, {}", kind, seed); };
@@ -332,7 +330,7 @@ std::span<const ExperimentPreset> experiment_presets() {
       few_shapes_experiment(),
       joined({"# The preset paper with images of 64 x 64 pixels,\n", kSmallPaperExperiment,
               kPaperProtocol}) +
-          std::string(kFewLabels),
+          few_labels(),
       joined({"# The preset paper_64 of objects with a rough surface, whose gloss the networks see "
               "and the\n"
               "# renderer in the loss knows: images of 64 x 64 pixels,\n",

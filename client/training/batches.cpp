@@ -1,6 +1,5 @@
 #include "client/training/batches.h"
 
-#include <algorithm>
 #include <numeric>
 
 #include "common/random.h"
@@ -33,19 +32,21 @@ DatasetBatches::DatasetBatches(const LabelledImages& images, const PackedInputs&
       inputs_(inputs),
       items_(labelled_items(images)),
       others_(labelled_alone ? std::vector<uint32_t>() : items_without_label(images)),
-      sampler_(static_cast<uint32_t>(items_.size()), seed),
-      other_sampler_(static_cast<uint32_t>(std::max<size_t>(1, others_.size())),
-                     derive_seed(seed, {1})) {}
+      sampler_(static_cast<uint32_t>(items_.size()), seed) {
+  if (others_.empty()) return;
+  other_sampler_.emplace(static_cast<uint32_t>(others_.size()), derive_seed(seed, {1}));
+}
 
 TrainingImages DatasetBatches::batch_at(uint64_t step, uint32_t size) {
-  const uint32_t without = others_.empty() ? 0 : size / 2;
+  const uint32_t without = other_sampler_ ? size / 2 : 0;
   TrainingImages result;
   for (const uint32_t i : sampler_.batch(step, size - without)) {
     result.items.push_back(items_[i]);
     result.truth.push_back(images_.truth[items_[i]]);
   }
   if (without > 0) {
-    for (const uint32_t i : other_sampler_.batch(step, without)) result.items.push_back(others_[i]);
+    for (const uint32_t i : other_sampler_->batch(step, without))
+      result.items.push_back(others_[i]);
   }
   result.images = inputs_.batch(result.items);
   return result;

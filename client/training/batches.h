@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "client/dataset/sampler.h"
@@ -50,7 +51,8 @@ class DatasetBatches final : public Batches {
   const LabelledImages& images_;
   const PackedInputs& inputs_;
   std::vector<uint32_t> items_, others_;  // with labels, and without
-  EpochSampler sampler_, other_sampler_;
+  EpochSampler sampler_;
+  std::optional<EpochSampler> other_sampler_;
 };
 
 }  // namespace itn

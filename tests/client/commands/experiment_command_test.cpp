@@ -153,6 +153,15 @@ TEST(ExperimentCommand, StatusNamesTheStages) {
   const Finished printed = run({testing::kItn, "experiment", "--preset", "smoke", "--status"});
   ASSERT_EQ(printed.exit_code, 0) << printed.errors;
   EXPECT_THAT(printed.output, HasSubstr("\ntrain ITN+similar+map\n"));
+  // Another experiment in the folder where it is called has no part in it.
+  const TemporaryFolder folder;
+  folder.write("experiment.textproto", "seed: 7\n");
+  const Finished beside =
+      run({"/bin/sh", "-c",
+           "cd " + folder.path().string() + " && " + std::string(testing::kItn) +
+               " experiment --preset smoke --status"});
+  EXPECT_EQ(beside.exit_code, 0) << beside.errors;
+  EXPECT_EQ(beside.output, printed.output);
 }
 
 // Its steps are many times as dear as those of an RN, by which it would take fifty times as many.
