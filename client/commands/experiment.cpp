@@ -100,12 +100,24 @@ void print_status(const v1::Experiment& experiment, const ExperimentOptions& opt
       untold == 0 ? "" : fmt::format(", and {} stages that are like none before them", untold));
 }
 
+void print_tables(const std::vector<Table>& tables) {
+  for (const Table& table : tables) {
+    print_result("{}\n{}{}\n\n", table.title, to_text(table), table.caption);
+  }
+}
+
 }  // namespace
 
 void run_experiment(const ExperimentOptions& options) {
   if (options.print_config && !options.preset.empty()) {
     print_result("{}", find_experiment_preset(options.preset).file);
     return;
+  }
+  if (options.tables) {
+    if (options.folder.empty()) {
+      throw Error(ErrorKind::kUsage, "tables of which folder? itn experiment --tables -o FOLDER");
+    }
+    return print_tables(write_experiment_tables(options.folder));
   }
   const v1::Experiment experiment = experiment_of(options);
   if (options.status) return print_status(experiment, options);
@@ -124,11 +136,15 @@ void run_experiment(const ExperimentOptions& options) {
        .report = [&](size_t number, const Stage& stage, StageState state,
                      const v1::StageRecord& record) { teller.stage(number, stage, state, record); },
        .stop = interruption()});
-  for (const Table& table : result.tables) {
-    print_result("{}\n{}{}\n\n", table.title, to_text(table), table.caption);
+  print_tables(result.tables);
+  if (result.report.empty()) {
+    print_result(
+        "The intervals are in CSV files in {}. Pictures are gone, so there is no report.\n",
+        options.folder);
+  } else {
+    print_result("The intervals are in the report, and in CSV files beside it:\n{}\n",
+                 result.report.string());
   }
-  print_result("The intervals are in the report, and in CSV files beside it:\n{}\n",
-               result.report.string());
 }
 
 }  // namespace itn

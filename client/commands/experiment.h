@@ -11,6 +11,7 @@ struct ExperimentOptions {
   std::string file, preset, folder;
   bool print_config = false;
   bool status = false;
+  bool tables = false;
   int torch_threads = 0;
   WorkerFlags workers;
 };

@@ -29,6 +29,9 @@ void add_experiment_command(CLI::App& app) {
   command->add_flag(
       "--status,--dry-run", options->status,
       "Print the stages, with -o what is done of them there and how many hours are left, and end");
+  command->add_flag(
+      "--tables", options->tables,
+      "Print and write the tables of the results that are in -o, render nothing, and end");
   command
       ->add_option("--network-threads,--torch-threads", options->torch_threads,
                    "Threads of the networks; 0: one per processor")

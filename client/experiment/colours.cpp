@@ -47,7 +47,8 @@ ColourPicture input_colours(const DatasetReader& colours, size_t k) {
 
 void render_colours(DatasetReader& colours, std::span<const Material> materials, uint32_t spp,
                     const fs::path& folder, const std::string& name, RenderPool& pool,
-                    const ImageProgress& progress, std::stop_token stop) {
+                    std::stop_token stop) {
+  fs::create_directories(folder);
   const size_t pictures = materials.size() / kColours;
   for (size_t k = 0; k < pictures; ++k) {
     Image image;
@@ -58,7 +59,6 @@ void render_colours(DatasetReader& colours, std::span<const Material> materials,
       image.channels[kPlanes[colour]] = rerender(colours, pool, item, materials[i], spp, stop);
     }
     write_exr(colours_file(folder, name, k), image);
-    progress(k + 1, pictures);
   }
 }
 

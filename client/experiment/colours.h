@@ -13,7 +13,6 @@
 
 #include "client/dataset/dataset.h"
 #include "client/dataset/plan.h"
-#include "client/experiment/images.h"
 #include "client/render_pool/render_pool.h"
 #include "common/material.h"
 
@@ -34,7 +33,7 @@ ColourPicture input_colours(const DatasetReader& colours, size_t k);
 // Renders these materials, one for each item of the dataset, and writes the pictures into `folder`.
 void render_colours(DatasetReader& colours, std::span<const Material> materials, uint32_t spp,
                     const std::filesystem::path& folder, const std::string& name, RenderPool& pool,
-                    const ImageProgress& progress, std::stop_token stop);
+                    std::stop_token stop);
 
 // One of the pictures that render_colours() wrote. Throws Error as read_exr().
 ColourPicture read_colours(const std::filesystem::path& folder, const std::string& name, size_t k);

@@ -58,7 +58,7 @@ Message read_text(const fs::path& path, const std::string& what) {
 // Writes it; its text tells it from others.
 std::string write_text(const fs::path& path, const google::protobuf::Message& message) {
   fs::create_directories(path.parent_path());
-  const std::string text = to_text_proto(message);
+  const std::string text = to_short_text_proto(message);
   write_file_atomically(path, text);
   return text;
 }
@@ -159,11 +159,10 @@ DatasetPlan other_noise_plan(const v1::Experiment& experiment) {
   return plan;
 }
 
-std::vector<Material> materials_of(
-    const google::protobuf::RepeatedPtrField<v1::ExperimentPredictions::Estimate>& estimates) {
+std::vector<Material> materials_of(const v1::ExperimentPredictions::Estimates& estimates) {
   std::vector<Material> materials;
-  for (const v1::ExperimentPredictions::Estimate& estimate : estimates) {
-    materials.push_back(from_proto(estimate.material()));
+  for (int i = 0; i < estimates.sigma_t_size(); ++i) {
+    materials.push_back({estimates.sigma_t(i), estimates.albedo(i), estimates.g(i)});
   }
   return materials;
 }
@@ -172,6 +171,12 @@ std::vector<Material> materials_of(
 struct SharedStart {
   std::string file;
   const v1::ExperimentNetwork* first;  // that they are trained for
+};
+
+// What tables are made of.
+struct Answers {
+  TestSet test;
+  std::vector<Candidate> candidates;
 };
 
 class ExperimentRunner {
@@ -188,7 +193,11 @@ class ExperimentRunner {
   }
 
   std::vector<Stage> stages();
-  ExperimentResult result(const std::vector<v1::StageRecord>& records);
+  // What the networks that have answered say.
+  Answers answers();
+  std::vector<Table> write_tables(const Answers& answers) const;
+  // Writes the tables, and a report if its pictures are there.
+  ExperimentResult write_result(const std::vector<v1::StageRecord>& records);
 
   // The CPU time of this process and of renders elsewhere.
   double cpu_seconds() const {
@@ -205,8 +214,10 @@ class ExperimentRunner {
   Stage prediction_stage(const v1::ExperimentNetwork& network);
   Stage reference_stage();
   Stage refinement_stage(const std::string& candidate, std::vector<std::string> after);
-  Stage error_stage(const std::string& candidate, std::vector<std::string> after);
-  Stage colour_stage(const v1::ExperimentNetwork& network);
+  // Compares renders of what one says with renders of the truth.
+  Stage image_stage(const std::string& candidate, std::vector<std::string> after);
+  // Likewise, and makes the colour pictures of a network.
+  Stage image_stage(const v1::ExperimentNetwork& network);
 
   std::string train(const std::string& stage, const fs::path& folder, v1::TrainingConfig config,
                     std::optional<fs::path> init, const std::string& model_name);
@@ -217,6 +228,13 @@ class ExperimentRunner {
   }
   fs::path predictions_path(const std::string& name) const {
     return folder("predictions") / (file_name_of(name) + ".textproto");
+  }
+  fs::path refinements_path(const std::string& name) const {
+    return folder("refinements") / (file_name_of(name) + ".textproto");
+  }
+  // A file for each image that is refined.
+  fs::path refinements_folder(const std::string& name) const {
+    return folder("refinements") / file_name_of(name);
   }
   fs::path errors_path(const std::string& name) const {
     return folder("image_errors") / (file_name_of(name) + ".textproto");
@@ -247,8 +265,20 @@ class ExperimentRunner {
     if (!test_) test_ = images_of(dataset(), v1::SPLIT_TEST);
     return *test_;
   }
+  // What the images of the test are of, without the images themselves.
+  const LabelledImages& planned_test() {
+    if (!planned_test_) {
+      test_plan_ = plan_of(experiment_.dataset(), true);
+      planned_test_ = labels_of(test_plan_.manifest, v1::SPLIT_TEST);
+    }
+    return *planned_test_;
+  }
+  fs::path references_folder() const { return folder("references"); }
   ExperimentImages& images() {
-    if (!images_) images_.emplace(experiment_.rerendering(), dataset(), test(), folder("images"));
+    if (!images_) {
+      images_.emplace(experiment_.rerendering(), dataset(), test(), references_folder(),
+                      folder("images"));
+    }
     return *images_;
   }
   // `samples`: of each pixel, over those of an image that is compared.
@@ -267,9 +297,10 @@ class ExperimentRunner {
 
   Candidate candidate(const std::string& name, Candidate::Kind kind);
   v1::ExperimentPredictions predictions_of(const std::string& name) const;
-  // What is rendered for a row of the tables.
+  // What a row of the tables says of each image of the test.
   std::vector<Material> materials_for(const std::string& name);
   std::vector<std::string> baselines();
+  bool has_pictures() const;
 
   const v1::Experiment& experiment_;
   const ExperimentRun& run_;
@@ -277,7 +308,8 @@ class ExperimentRunner {
   std::map<std::string, SharedStart> start_of_;  // by the name of the network
   std::optional<RenderPool> pool_;
   std::optional<DatasetReader> dataset_, other_noise_, colours_;
-  std::optional<LabelledImages> test_;
+  DatasetPlan test_plan_;
+  std::optional<LabelledImages> test_, planned_test_;
   std::optional<ExperimentImages> images_;
 };
 
@@ -450,20 +482,23 @@ Stage ExperimentRunner::prediction_stage(const v1::ExperimentNetwork& network) {
   std::vector<std::string> after = {"dataset", "colours", stage_of(network)};
   if (experiment_.has_other_noise()) after.emplace_back("other noise");
   const fs::path path = predictions_path(network.name());
-  return {name, after, path,
+  return {name,
+          after,
+          path,
           [=, this, &network] {
             run_.progress(name, "", 0, 0, "");
             return write_text(path, predict_test(network_folder(network), dataset(), other_noise(),
                                                  colours(), run_.stop));
           },
-          [] { return Workload{.unit = "predictions", .pieces = 1}; }};
+          [] { return Workload{.unit = "predictions", .pieces = 1}; },
+          true};
 }
 
 Stage ExperimentRunner::reference_stage() {
   const std::string name = "images of the truth";
   return {name,
           {"dataset"},
-          folder("images"),
+          references_folder(),
           [=, this] {
             images().render_references(
                 pool(),
@@ -474,11 +509,13 @@ Stage ExperimentRunner::reference_stage() {
           [this] { return rerendered_images(kReferenceSamples); }};
 }
 
-Stage ExperimentRunner::error_stage(const std::string& candidate, std::vector<std::string> after) {
+Stage ExperimentRunner::image_stage(const std::string& candidate, std::vector<std::string> after) {
   const std::string name = "images of " + candidate;
   after.insert(after.begin(), {"dataset", "images of the truth"});
   const fs::path path = errors_path(candidate);
-  return {name, after, path,
+  return {name,
+          after,
+          path,
           [=, this] {
             return write_text(path, images().compare(
                                         file_name_of(candidate), materials_for(candidate), pool(),
@@ -487,54 +524,48 @@ Stage ExperimentRunner::error_stage(const std::string& candidate, std::vector<st
                                         },
                                         run_.stop));
           },
-          [this] { return rerendered_images(1); }};
+          [this] { return rerendered_images(1); },
+          true};
 }
 
-Stage ExperimentRunner::colour_stage(const v1::ExperimentNetwork& network) {
-  const std::string name = "colours of " + network.name();
-  const std::string file = file_name_of(network.name());
-  return {name,
-          {"colours", "predict " + network.name()},
-          colours_file(folder("images"), file, 0),
-          [=, this, &network] {
-            render_colours(
-                colours(), materials_of(predictions_of(network.name()).colours()),
-                experiment_.rerendering().spp(), folder("images"), file, pool(),
-                [&](size_t done, size_t total) { run_.progress(name, "images", done, total, ""); },
-                run_.stop);
-            return name;
-          },
-          [] { return Workload{.unit = "colour pictures", .pieces = 1}; }};
+Stage ExperimentRunner::image_stage(const v1::ExperimentNetwork& network) {
+  Stage stage = image_stage(network.name(), {"predict " + network.name(), "colours"});
+  stage.work = [work = stage.work, this, &network] {
+    render_colours(colours(), materials_of(predictions_of(network.name()).colours()),
+                   experiment_.rerendering().spp(), folder("images"), file_name_of(network.name()),
+                   pool(), run_.stop);
+    return work();
+  };
+  return stage;
 }
 
 Stage ExperimentRunner::refinement_stage(const std::string& candidate,
                                          std::vector<std::string> after) {
   const std::string name = "refine from " + candidate;
   after.insert(after.begin(), "dataset");
-  return {
-      name, after, folder("refinements"),
-      [=, this] {
-        std::string outputs;
-        for (const v1::ExperimentRefinement& refinement : refine_images(
-                 experiment_.refinement(), dataset(), test(), materials_for(candidate),
-                 folder("refinements"), file_name_of(candidate), pool(),
-                 [&](size_t done, size_t total) { run_.progress(name, "images", done, total, ""); },
-                 run_.stop)) {
-          outputs += to_text_proto(refinement);
-        }
-        return outputs;
-      },
-      [=, this] {
-        Workload workload{.unit = "refinements",
-                          .pieces = static_cast<double>(experiment_.refinement().images())};
-        if (!fs::exists(folder("data") / kManifestName)) return workload;
-        const FilesMade images =
-            files_made(refinement_files(experiment_.refinement(), test().items.size(),
-                                        folder("refinements"), file_name_of(candidate)));
-        workload.done = static_cast<double>(images.count);
-        workload.seconds = images.seconds;
-        return workload;
-      }};
+  const fs::path path = refinements_path(candidate), images_folder = refinements_folder(candidate);
+  return {name,
+          after,
+          path,
+          [=, this] {
+            return write_text(path, refine_images(
+                                        experiment_.refinement(), dataset(), test(),
+                                        materials_for(candidate), images_folder, pool(),
+                                        [&](size_t done, size_t total) {
+                                          run_.progress(name, "images", done, total, "");
+                                        },
+                                        run_.stop));
+          },
+          [=, this] {
+            Workload workload{.unit = "refinements",
+                              .pieces = static_cast<double>(experiment_.refinement().images())};
+            const FilesMade images = files_made(refinement_files(
+                experiment_.refinement(), planned_test().items.size(), images_folder));
+            workload.done = static_cast<double>(images.count);
+            workload.seconds = images.seconds;
+            return workload;
+          },
+          true};
 }
 
 // Who has not looked at the images, and the truth itself.
@@ -561,20 +592,14 @@ std::vector<Stage> ExperimentRunner::stages() {
   }));
   stages.push_back(rate_stage());
   for (const auto& [key, start] : shared_) stages.push_back(shared_stage(start));
-  for (const v1::ExperimentNetwork& network : experiment_.networks())
-    stages.push_back(network_stage(network));
-  for (const v1::ExperimentNetwork& network : experiment_.networks()) {
-    stages.push_back(prediction_stage(network));
-  }
   stages.push_back(reference_stage());
-  for (const std::string& name : baselines()) stages.push_back(error_stage(name, {}));
+  for (const std::string& name : baselines()) stages.push_back(image_stage(name, {}));
+  if (experiment_.has_refinement()) stages.push_back(refinement_stage(kConstant, {}));
   for (const v1::ExperimentNetwork& network : experiment_.networks()) {
-    stages.push_back(error_stage(network.name(), {"predict " + network.name()}));
-    stages.push_back(colour_stage(network));
-  }
-  if (experiment_.has_refinement()) {
-    stages.push_back(refinement_stage(kConstant, {}));
-    for (const v1::ExperimentNetwork& network : experiment_.networks()) {
+    stages.push_back(network_stage(network));
+    stages.push_back(prediction_stage(network));
+    stages.push_back(image_stage(network));
+    if (experiment_.has_refinement()) {
       stages.push_back(refinement_stage(network.name(), {"predict " + network.name()}));
     }
   }
@@ -586,10 +611,10 @@ v1::ExperimentPredictions ExperimentRunner::predictions_of(const std::string& na
 }
 
 std::vector<Material> ExperimentRunner::materials_for(const std::string& name) {
-  if (name == kTruth) return test().truth;
-  if (name == kConstant) return constant_predictions(test());
+  if (name == kTruth) return planned_test().truth;
+  if (name == kConstant) return constant_predictions(planned_test());
   if (name == kSimilarity) {
-    return similarity_predictions(test(), experiment_.dataset().materials()).value();
+    return similarity_predictions(planned_test(), experiment_.dataset().materials()).value();
   }
   return materials_of(predictions_of(name).as_trained());
 }
@@ -613,61 +638,86 @@ Candidate ExperimentRunner::candidate(const std::string& name, Candidate::Kind k
                       .novel_scene = {},
                       .refinements = {}};
   if (kind != Candidate::Kind::kNetwork) {
-    for (const uint32_t i : images_of_other_noise(experiment_, test().truth.size())) {
+    for (const uint32_t i : images_of_other_noise(experiment_, candidate.as_trained.size())) {
       candidate.other_noise.push_back(candidate.as_trained[i]);
     }
   } else {
     candidate.other_noise = materials_of(predictions_of(name).other_noise());
   }
-  const auto errors = read_text<v1::ExperimentImageErrors>(errors_path(name), "image errors");
-  candidate.same_scene = image_errors_of(errors.same_scene());
-  candidate.novel_scene = image_errors_of(errors.novel_scene());
-  if (experiment_.has_refinement() && (kind == Candidate::Kind::kNetwork || name == kConstant)) {
-    candidate.refinements = read_refinements(experiment_.refinement(), test().items.size(),
-                                             folder("refinements"), file_name_of(name));
+  if (fs::exists(errors_path(name))) {
+    const auto errors = read_text<v1::ExperimentImageErrors>(errors_path(name), "image errors");
+    candidate.same_scene = image_errors_of(errors.same_scene());
+    candidate.novel_scene = image_errors_of(errors.novel_scene());
+  }
+  if (fs::exists(refinements_path(name))) {
+    const auto refinements =
+        read_text<v1::ExperimentRefinements>(refinements_path(name), "refinements");
+    candidate.refinements.assign(refinements.images().begin(), refinements.images().end());
   }
   return candidate;
 }
 
-ExperimentResult ExperimentRunner::result(const std::vector<v1::StageRecord>& records) {
-  TestSet set{.truth = test().truth,
-              .shapes = {},
-              .other_noise = images_of_other_noise(experiment_, test().truth.size()),
-              .rerendered = images().chosen(),
-              .refined = {}};
+Answers ExperimentRunner::answers() {
+  const LabelledImages& test = planned_test();
+  Answers answers{
+      .test = {.truth = test.truth,
+               .shapes = {},
+               .other_noise = images_of_other_noise(experiment_, test.truth.size()),
+               .rerendered = spread(experiment_.rerendering().images(), test.truth.size()),
+               .refined = {}},
+      .candidates = {}};
   if (experiment_.has_refinement()) {
-    set.refined = refined_images(experiment_.refinement(), set.truth.size());
+    answers.test.refined = refined_images(experiment_.refinement(), test.truth.size());
   }
-  for (const v1::DatasetItem* item : test().items) set.shapes.push_back(item->shape());
-  std::vector<Candidate> candidates;
+  for (const v1::DatasetItem* item : test.items) answers.test.shapes.push_back(item->shape());
   for (const std::string& name : baselines()) {
-    candidates.push_back(
+    answers.candidates.push_back(
         candidate(name, name == kTruth ? Candidate::Kind::kTruth : Candidate::Kind::kBaseline));
   }
   for (const v1::ExperimentNetwork& network : experiment_.networks()) {
-    candidates.push_back(candidate(network.name(), Candidate::Kind::kNetwork));
+    if (!fs::exists(predictions_path(network.name()))) continue;
+    answers.candidates.push_back(candidate(network.name(), Candidate::Kind::kNetwork));
   }
-  ExperimentResult result;
-  result.tables.push_back(table_1(set, candidates, false));
-  if (experiment_.has_other_noise()) result.tables.push_back(table_1(set, candidates, true));
-  result.tables.push_back(gain_table(set, candidates));
-  result.tables.push_back(thickness_table(set, candidates));
+  return answers;
+}
+
+std::vector<Table> ExperimentRunner::write_tables(const Answers& answers) const {
+  const auto& [test, candidates] = answers;
+  std::vector<Table> tables = {table_1(test, candidates, false)};
+  if (experiment_.has_other_noise()) tables.push_back(table_1(test, candidates, true));
+  tables.push_back(gain_table(test, candidates));
+  tables.push_back(thickness_table(test, candidates));
   const v1::Rerendering& rerendering = experiment_.rerendering();
-  result.tables.push_back(
-      table_2(set, candidates,
-              fmt::format("a {} lit from {:g} degrees", rerendering.novel_shape(),
-                          rerendering.novel_azimuth_degrees())));
+  tables.push_back(table_2(test, candidates,
+                           fmt::format("a {} lit from {:g} degrees", rerendering.novel_shape(),
+                                       rerendering.novel_azimuth_degrees())));
   if (experiment_.has_refinement()) {
-    result.tables.push_back(table_3(set, candidates, experiment_.refinement()));
+    tables.push_back(table_3(test, candidates, experiment_.refinement()));
   }
-  for (const Table& table : result.tables) {
+  for (const Table& table : tables) {
     write_file_atomically(folder(table.file + ".csv"), to_csv(table));
   }
-  // Report.
+  return tables;
+}
+
+// Whether all is there that a report shows.
+bool ExperimentRunner::has_pictures() const {
+  const auto is_there = [&](const v1::ExperimentNetwork& network) {
+    return fs::exists(colours_file(folder("images"), file_name_of(network.name()), 0));
+  };
+  return std::ranges::all_of(experiment_.networks(), is_there) && fs::exists(references_folder()) &&
+         fs::exists(folder("data") / kManifestName) &&
+         fs::exists(folder("colours") / kManifestName);
+}
+
+ExperimentResult ExperimentRunner::write_result(const std::vector<v1::StageRecord>& records) {
+  const Answers answers = this->answers();
+  ExperimentResult result{.tables = write_tables(answers), .report = {}};
+  if (!has_pictures()) return result;
   ExperimentReport report{.experiment = experiment_,
                           .tables = result.tables,
-                          .test = set,
-                          .candidates = candidates,
+                          .test = answers.test,
+                          .candidates = answers.candidates,
                           .networks = {},
                           .images = images(),
                           .colours = colours(),
@@ -707,6 +757,14 @@ std::vector<StageStatus> stage_status(const v1::Experiment& experiment, const fs
                       to_text_proto_of_01(experiment));
 }
 
+std::vector<Table> write_experiment_tables(const fs::path& folder) {
+  ExperimentRun run;
+  run.folder = folder;
+  const v1::Experiment experiment = load_experiment(folder / kExperimentName);
+  ExperimentRunner runner(experiment, run);
+  return runner.write_tables(runner.answers());
+}
+
 ExperimentResult run_experiment(const v1::Experiment& experiment, const ExperimentRun& run) {
   const FolderLock lock(run.folder, "itn experiment");
   if (!was_begun(experiment, run.folder)) write_text(run.folder / kExperimentName, experiment);
@@ -716,7 +774,7 @@ ExperimentResult run_experiment(const v1::Experiment& experiment, const Experime
   run_stages(
       stages, run.folder, to_text_proto_of_01(experiment), [&] { return study.cpu_seconds(); },
       run.report, run.stop);
-  return study.result(stage_records(stages, run.folder));
+  return study.write_result(stage_records(stages, run.folder));
 }
 
 }  // namespace itn

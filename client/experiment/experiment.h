@@ -3,9 +3,13 @@
 //   experiment.textproto   what it is, with all defaults
 //   data/, other_noise/, colours/   datasets (itn dataset)
 //   rates/, shared/, networks/   runs (itn train)
-//   predictions/, images/, image_errors/   what the networks say of the test
+//   predictions/, image_errors/, refinements/   what the networks say of the test
+//   references/, images/   renders of the truth and of what networks say
 //   stages/                what is done
 //   table_1.csv, ..., report.md, report/
+//
+// Of predictions, image_errors, refinements and experiment.textproto the tables are made; datasets,
+// runs and images are made again only for stages that are not done.
 #pragma once
 
 #include <cstdint>
@@ -45,8 +49,12 @@ std::vector<StageStatus> stage_status(const v1::Experiment& experiment,
 
 struct ExperimentResult {
   std::vector<Table> tables;
-  std::filesystem::path report;  // Markdown
+  std::filesystem::path report;  // Markdown; empty: a picture of it is gone
 };
+
+// Writes the tables of the networks that have answered in the folder of an experiment. Renders
+// nothing. Throws Error (kIo, kInvalidInput).
+std::vector<Table> write_experiment_tables(const std::filesystem::path& folder);
 
 // Does what is not done yet. Throws Error: kInvalidInput if the folder holds another experiment
 // (says what differs), or other files; kCancelled soon after a stop is requested, and can be called

@@ -26,8 +26,6 @@ namespace {
 // Branches of an item's seed, beside those of its image (dataset_render.cpp).
 constexpr uint64_t kReferenceBranch = 11, kComparedBranch = 12;
 
-constexpr const char* kReference = "reference";
-
 // Renders jobs, enough of them under way that no worker is idle; in order.
 void render_all(size_t count, const std::function<RenderJob(size_t)>& job, RenderPool& pool,
                 const std::stop_token& stop,
@@ -43,6 +41,10 @@ void render_all(size_t count, const std::function<RenderJob(size_t)>& job, Rende
   }
 }
 
+const char* name_of(ExperimentScene scene) {
+  return scene == ExperimentScene::kSame ? "same" : "novel";
+}
+
 void write_image(const fs::path& path, int side, std::vector<float> radiance,
                  std::vector<float> mask = {}) {
   Image image;
@@ -55,18 +57,24 @@ void write_image(const fs::path& path, int side, std::vector<float> radiance,
 }  // namespace
 
 ExperimentImages::ExperimentImages(const v1::Rerendering& settings, DatasetReader& dataset,
-                                   const LabelledImages& test, fs::path folder)
+                                   const LabelledImages& test, fs::path references,
+                                   fs::path pictures)
     : settings_(settings),
       dataset_(dataset),
       test_(test),
-      folder_(std::move(folder)),
+      references_(std::move(references)),
+      pictures_(std::move(pictures)),
       chosen_(spread(settings.images(), test.items.size())) {
   for (const uint32_t k : spread(settings.shown(), chosen_.size())) shown_.push_back(k);
 }
 
-fs::path ExperimentImages::file(const std::string& name, ExperimentScene scene, size_t k) const {
-  return folder_ / fmt::format("{}_{}_{:04}.exr", name,
-                               scene == ExperimentScene::kSame ? "same" : "novel", chosen_[k]);
+fs::path ExperimentImages::reference_file(ExperimentScene scene, size_t k) const {
+  return references_ / fmt::format("{}_{:04}.exr", name_of(scene), chosen_[k]);
+}
+
+fs::path ExperimentImages::picture_file(const std::string& name, ExperimentScene scene,
+                                        size_t k) const {
+  return pictures_ / fmt::format("{}_{}_{:04}.exr", name, name_of(scene), chosen_[k]);
 }
 
 std::shared_ptr<const SerializedScene> ExperimentImages::scene_of(ExperimentScene scene, size_t k) {
@@ -95,11 +103,11 @@ RenderJob ExperimentImages::job(ExperimentScene scene, size_t k, const Material&
 
 void ExperimentImages::render_references(RenderPool& pool, const ImageProgress& progress,
                                          std::stop_token stop) {
-  fs::create_directories(folder_);
+  fs::create_directories(references_);
   std::vector<std::pair<ExperimentScene, size_t>> missing;
   for (const ExperimentScene scene : kExperimentScenes) {
     for (size_t k = 0; k < chosen_.size(); ++k) {
-      if (!fs::exists(file(kReference, scene, k))) missing.emplace_back(scene, k);
+      if (!fs::exists(reference_file(scene, k))) missing.emplace_back(scene, k);
     }
   }
   const size_t total = 2 * chosen_.size();
@@ -115,7 +123,7 @@ void ExperimentImages::render_references(RenderPool& pool, const ImageProgress& 
       pool, stop,
       [&](size_t i, const v1::RenderGradReply& reply) {
         const auto [scene, k] = missing[i];
-        write_image(file(kReference, scene, k), resolution(),
+        write_image(reference_file(scene, k), resolution(),
                     from_bytes<float>(reply.estimates(0).radiance()),
                     from_bytes<float>(reply.mask()));
         progress(++done, total);
@@ -126,6 +134,7 @@ v1::ExperimentImageErrors ExperimentImages::compare(const std::string& name,
                                                     const std::vector<Material>& materials,
                                                     RenderPool& pool, const ImageProgress& progress,
                                                     std::stop_token stop) {
+  fs::create_directories(pictures_);
   v1::ExperimentImageErrors result;
   const size_t count = chosen_.size(), total = 2 * count;
   const auto place = [&](size_t i) { return std::pair(kExperimentScenes[i / count], i % count); };
@@ -146,7 +155,7 @@ v1::ExperimentImageErrors ExperimentImages::compare(const std::string& name,
         errors.set_relative_l2(relative_image_error(truth, rendered, mask(scene, k)));
         errors.set_dissimilarity(1 - ms_ssim(resolution(), truth, rendered));
         if (std::ranges::find(shown_, k) != shown_.end()) {
-          write_image(file(name, scene, k), resolution(), std::move(rendered));
+          write_image(picture_file(name, scene, k), resolution(), std::move(rendered));
         }
         progress(i + 1, total);
       });
@@ -154,16 +163,16 @@ v1::ExperimentImageErrors ExperimentImages::compare(const std::string& name,
 }
 
 std::vector<float> ExperimentImages::reference(ExperimentScene scene, size_t k) const {
-  return read_exr(file(kReference, scene, k)).channel("Y");
+  return read_exr(reference_file(scene, k)).channel("Y");
 }
 
 std::vector<float> ExperimentImages::mask(ExperimentScene scene, size_t k) const {
-  return read_exr(file(kReference, scene, k)).channel("mask.Y");
+  return read_exr(reference_file(scene, k)).channel("mask.Y");
 }
 
 std::vector<float> ExperimentImages::picture(const std::string& name, ExperimentScene scene,
                                              size_t k) const {
-  return read_exr(file(name, scene, k)).channel("Y");
+  return read_exr(picture_file(name, scene, k)).channel("Y");
 }
 
 }  // namespace itn

@@ -33,9 +33,10 @@ using ImageProgress = std::function<void(size_t done, size_t total)>;
 // Images of the test that are rendered again, and their references, of the truth.
 class ExperimentImages {
  public:
-  // `folder`: where references and pictures are. `test` and dataset must outlive it.
+  // `references`, `pictures`: the folders where they are. `test` and dataset must outlive it.
   ExperimentImages(const v1::Rerendering& settings, DatasetReader& dataset,
-                   const LabelledImages& test, std::filesystem::path folder);
+                   const LabelledImages& test, std::filesystem::path references,
+                   std::filesystem::path pictures);
 
   // Numbers of the test's images, evenly spread.
   const std::vector<uint32_t>& chosen() const { return chosen_; }
@@ -60,7 +61,9 @@ class ExperimentImages {
   std::vector<float> picture(const std::string& name, ExperimentScene scene, size_t k) const;
 
  private:
-  std::filesystem::path file(const std::string& name, ExperimentScene scene, size_t k) const;
+  std::filesystem::path reference_file(ExperimentScene scene, size_t k) const;
+  std::filesystem::path picture_file(const std::string& name, ExperimentScene scene,
+                                     size_t k) const;
   // The job that renders the chosen image number `k` with a material in the place of its own.
   RenderJob job(ExperimentScene scene, size_t k, const Material& material, uint32_t spp,
                 uint64_t branch);
@@ -70,7 +73,7 @@ class ExperimentImages {
   v1::Rerendering settings_;
   DatasetReader& dataset_;
   const LabelledImages& test_;
-  std::filesystem::path folder_;
+  std::filesystem::path references_, pictures_;
   std::vector<uint32_t> chosen_;
   std::vector<size_t> shown_;
   std::shared_ptr<const SerializedScene> novel_;

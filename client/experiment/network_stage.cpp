@@ -1,7 +1,10 @@
 #include "client/experiment/network_stage.h"
 
 #include <chrono>
+#include <string>
 #include <utility>
+
+#include <fmt/format.h>
 
 #include "client/dataset/dataset_config.h"
 #include "client/files/folder_lock.h"
@@ -15,7 +18,6 @@
 #include "common/learning/checkpoint.h"
 #include "common/learning/model_files.h"
 #include "common/learning/predictor.h"
-#include "common/scene/material_proto.h"
 
 namespace itn {
 namespace fs = std::filesystem;
@@ -57,23 +59,27 @@ class StepClock {
   std::chrono::steady_clock::time_point start_, at_step_;
 };
 
-void set(const ParameterPosterior& posterior, v1::Interval& interval) {
-  interval.set_min(posterior.low);
-  interval.set_max(posterior.high);
+// Rounds to five digits, which is far below every error and keeps files small.
+float five_digits(double value) {
+  return std::stof(fmt::format("{:.5g}", value));
 }
 
-google::protobuf::RepeatedPtrField<v1::ExperimentPredictions::Estimate> estimates_of(
-    Predictor& predictor, DatasetReader& dataset, std::stop_token stop) {
-  google::protobuf::RepeatedPtrField<v1::ExperimentPredictions::Estimate> result;
+v1::ExperimentPredictions::Estimates estimates_of(Predictor& predictor, DatasetReader& dataset,
+                                                  std::stop_token stop) {
+  v1::ExperimentPredictions::Estimates result;
   for (const MaterialEstimate& estimate :
        estimate_all(predictor, images_of(dataset, v1::SPLIT_TEST), 0, std::move(stop))) {
-    v1::ExperimentPredictions::Estimate& proto = *result.Add();
-    *proto.mutable_material() = to_proto(estimate.material);
+    result.add_sigma_t(five_digits(estimate.material.sigma_t));
+    result.add_albedo(five_digits(estimate.material.albedo));
+    result.add_g(five_digits(estimate.material.g));
     if (!estimate.posterior) continue;
     const auto& parameters = estimate.posterior->material.parameters;
-    set(parameters[0], *proto.mutable_sigma_t());
-    set(parameters[1], *proto.mutable_albedo());
-    set(parameters[2], *proto.mutable_g());
+    result.add_sigma_t_low(five_digits(parameters[0].low));
+    result.add_sigma_t_high(five_digits(parameters[0].high));
+    result.add_albedo_low(five_digits(parameters[1].low));
+    result.add_albedo_high(five_digits(parameters[1].high));
+    result.add_g_low(five_digits(parameters[2].low));
+    result.add_g_high(five_digits(parameters[2].high));
   }
   return result;
 }

@@ -11,6 +11,7 @@
 #include "client/training/evaluation.h"
 #include "common/files/atomic_file.h"
 #include "common/files/read_file.h"
+#include "common/scene/material_proto.h"
 
 namespace itn {
 namespace fs = std::filesystem;
@@ -19,8 +20,19 @@ namespace {
 
 using Iterates = google::protobuf::RepeatedPtrField<v1::ExperimentRefinement::Iterate>;
 
-fs::path file_of(const fs::path& folder, const std::string& name, uint32_t image) {
-  return folder / fmt::format("{}_{:04}.textproto", name, image);
+fs::path file_of(const fs::path& folder, uint32_t image) {
+  return folder / fmt::format("{:04}.textproto", image);
+}
+
+v1::ExperimentRefinement read_refinement(const fs::path& file) {
+  v1::ExperimentRefinement refinement;
+  parse_text_proto(read_file(file, "refinement"), file.string(), refinement);
+  return refinement;
+}
+
+// Whether the file is there and tells of a refinement that began there.
+bool is_refined(const fs::path& file, const Material& start) {
+  return fs::exists(file) && from_proto(read_refinement(file).start()) == start;
 }
 
 // The iterations that are told; where the refinement ended before, its last.
@@ -54,10 +66,12 @@ std::vector<uint32_t> refined_images(const v1::AnalysisBySynthesis& settings, si
   return spread(settings.images(), test_images);
 }
 
-std::vector<v1::ExperimentRefinement> refine_images(
-    const v1::AnalysisBySynthesis& settings, DatasetReader& dataset, const LabelledImages& test,
-    std::span<const Material> starts, const fs::path& folder, const std::string& name,
-    RenderPool& pool, const std::function<void(size_t, size_t)>& progress, std::stop_token stop) {
+v1::ExperimentRefinements refine_images(const v1::AnalysisBySynthesis& settings,
+                                        DatasetReader& dataset, const LabelledImages& test,
+                                        std::span<const Material> starts, const fs::path& folder,
+                                        RenderPool& pool,
+                                        const std::function<void(size_t, size_t)>& progress,
+                                        std::stop_token stop) {
   fs::create_directories(folder);
   v1::RefineSettings adam;
   adam.set_method(v1::RefineSettings::ADAM);
@@ -75,7 +89,7 @@ std::vector<v1::ExperimentRefinement> refine_images(
   progress(done, images.size());
   in_parallel(images.size(), stop, [&](size_t k) {
     const uint32_t i = images[k];
-    if (const fs::path file = file_of(folder, name, i); !fs::exists(file)) {
+    if (const fs::path file = file_of(folder, i); !is_refined(file, starts[i])) {
       Observation observation;
       {
         const std::lock_guard lock(mutex);  // of the dataset
@@ -87,6 +101,7 @@ std::vector<v1::ExperimentRefinement> refine_images(
       observation.mask = image.mask;
       observation.noise = image.standard_error;
       v1::ExperimentRefinement refinement;
+      *refinement.mutable_start() = to_proto(starts[i]);
       *refinement.mutable_adam() =
           refined(with_defaults(adam), observation, starts[i], settings.iterations(), renderer);
       *refinement.mutable_gauss_newton() =
@@ -97,26 +112,20 @@ std::vector<v1::ExperimentRefinement> refine_images(
     const std::lock_guard lock(mutex);
     progress(++done, images.size());
   });
-  return read_refinements(settings, test.items.size(), folder, name);
+  v1::ExperimentRefinements refinements;
+  for (const fs::path& file : refinement_files(settings, test.items.size(), folder)) {
+    *refinements.add_images() = read_refinement(file);
+  }
+  return refinements;
 }
 
 std::vector<fs::path> refinement_files(const v1::AnalysisBySynthesis& settings, size_t test_images,
-                                       const fs::path& folder, const std::string& name) {
+                                       const fs::path& folder) {
   std::vector<fs::path> files;
   for (const uint32_t i : refined_images(settings, test_images)) {
-    files.push_back(file_of(folder, name, i));
+    files.push_back(file_of(folder, i));
   }
   return files;
-}
-
-std::vector<v1::ExperimentRefinement> read_refinements(const v1::AnalysisBySynthesis& settings,
-                                                       size_t test_images, const fs::path& folder,
-                                                       const std::string& name) {
-  std::vector<v1::ExperimentRefinement> result;
-  for (const fs::path& path : refinement_files(settings, test_images, folder, name)) {
-    parse_text_proto(read_file(path, "refinement"), path.string(), result.emplace_back());
-  }
-  return result;
 }
 
 }  // namespace itn

@@ -20,24 +20,19 @@ namespace itn {
 std::vector<uint32_t> refined_images(const v1::AnalysisBySynthesis& settings, size_t test_images);
 
 // Refines the images from a start for each image of the test, by Adam and by Gauss-Newton, several
-// at a time. Each image that is done is a file in `folder`, whose name begins with `name`, and is
-// not done again. `progress` is called with how many are done. Throws what refinements throw, and
-// Error (cancelled) soon after a stop.
-std::vector<v1::ExperimentRefinement> refine_images(
-    const v1::AnalysisBySynthesis& settings, DatasetReader& dataset, const LabelledImages& test,
-    std::span<const Material> starts, const std::filesystem::path& folder, const std::string& name,
-    RenderPool& pool, const std::function<void(size_t, size_t)>& progress, std::stop_token stop);
+// at a time. Each image that is done is a file in `folder` and is not done again. `progress` is
+// called with how many are done. Throws what refinements throw, and Error (cancelled) soon after a
+// stop.
+v1::ExperimentRefinements refine_images(const v1::AnalysisBySynthesis& settings,
+                                        DatasetReader& dataset, const LabelledImages& test,
+                                        std::span<const Material> starts,
+                                        const std::filesystem::path& folder, RenderPool& pool,
+                                        const std::function<void(size_t, size_t)>& progress,
+                                        std::stop_token stop);
 
-// The files of the refinements that begin with `name`, in order.
+// The files in `folder` of the images that are refined, in order.
 std::vector<std::filesystem::path> refinement_files(const v1::AnalysisBySynthesis& settings,
                                                     size_t test_images,
-                                                    const std::filesystem::path& folder,
-                                                    const std::string& name);
-
-// Reads the refinements that are done. Throws Error (kIo) if some are not.
-std::vector<v1::ExperimentRefinement> read_refinements(const v1::AnalysisBySynthesis& settings,
-                                                       size_t test_images,
-                                                       const std::filesystem::path& folder,
-                                                       const std::string& name);
+                                                    const std::filesystem::path& folder);
 
 }  // namespace itn

@@ -255,21 +255,22 @@ std::string refinement_section(const ExperimentReport& report, const fs::path& f
 std::string calibration_section(const ExperimentReport& report) {
   std::string rows;
   for (const ReportedNetwork& network : report.networks) {
-    const auto& estimates = network.predictions.as_trained();
-    if (estimates.empty() || !estimates.Get(0).has_sigma_t()) continue;
+    const v1::ExperimentPredictions::Estimates& estimates = network.predictions.as_trained();
+    const int images = estimates.sigma_t_low_size();
+    if (images == 0) continue;
     std::array<double, 3> inside{};
-    for (int i = 0; i < estimates.size(); ++i) {
+    for (int i = 0; i < images; ++i) {
       const Material& truth = report.test.truth[static_cast<size_t>(i)];
-      const auto holds = [](const v1::Interval& interval, double value) {
-        return interval.min() <= value && value <= interval.max() ? 1.0 : 0.0;
+      const auto holds = [](double low, double high, double value) {
+        return low <= value && value <= high ? 1.0 : 0.0;
       };
-      inside[0] += holds(estimates[i].sigma_t(), truth.sigma_t);
-      inside[1] += holds(estimates[i].albedo(), truth.albedo);
-      inside[2] += holds(estimates[i].g(), truth.g);
+      inside[0] += holds(estimates.sigma_t_low(i), estimates.sigma_t_high(i), truth.sigma_t);
+      inside[1] += holds(estimates.albedo_low(i), estimates.albedo_high(i), truth.albedo);
+      inside[2] += holds(estimates.g_low(i), estimates.g_high(i), truth.g);
     }
     std::vector<std::string> cells = {network.name};
     for (const double count : inside) {
-      cells.push_back(fmt::format("{:.1f} %", 100 * count / estimates.size()));
+      cells.push_back(fmt::format("{:.1f} %", 100 * count / images));
     }
     rows += table_row(cells);
   }

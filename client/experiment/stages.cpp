@@ -5,6 +5,7 @@
 #include <map>
 #include <numeric>
 #include <optional>
+#include <set>
 
 #include "client/experiment/experiment_config.h"
 #include "client/scene/text_proto.h"
@@ -38,14 +39,38 @@ std::string digest_of_inputs(const Stage& stage, const std::string& inputs,
   return to_hex(sha256(all));
 }
 
-// If it was made of inputs with this digest, and is still there.
-std::optional<v1::StageRecord> record_if_done(const fs::path& folder, const Stage& stage,
-                                              const std::string& inputs_digest) {
-  std::optional<v1::StageRecord> record = record_of(folder, stage);
-  if (record && (record->inputs_sha256() != inputs_digest || !fs::exists(stage.output))) {
-    record.reset();
+// What is known of a stage before it runs.
+struct StagePlan {
+  std::string inputs;                     // digest; empty while what it takes is to be made
+  std::optional<v1::StageRecord> record;  // absent: it was not made of these inputs
+  bool is_wanted = false;
+};
+
+// A stage is wanted if it was not made of these inputs, or if its output is gone and either is a
+// result or is taken by a stage that is wanted.
+std::vector<StagePlan> plan_stages(std::span<const Stage> stages, const fs::path& folder,
+                                   const std::string& inputs) {
+  std::vector<StagePlan> plans(stages.size());
+  std::map<std::string, std::string> outputs;  // digests, by the name of the stage
+  for (size_t i = 0; i < stages.size(); ++i) {
+    const Stage& stage = stages[i];
+    const auto is_known = [&](const std::string& name) { return outputs.contains(name); };
+    if (!std::ranges::all_of(stage.after, is_known)) continue;
+    plans[i].inputs = digest_of_inputs(stage, inputs, outputs);
+    std::optional<v1::StageRecord> record = record_of(folder, stage);
+    if (!record || record->inputs_sha256() != plans[i].inputs) continue;
+    outputs[stage.name] = record->outputs_sha256();
+    plans[i].record = std::move(record);
   }
-  return record;
+  std::set<std::string> taken;  // by stages that are wanted
+  for (size_t i = stages.size(); i-- > 0;) {
+    const Stage& stage = stages[i];
+    const bool is_missed =
+        !fs::exists(stage.output) && (stage.is_result || taken.contains(stage.name));
+    plans[i].is_wanted = !plans[i].record || is_missed;
+    if (plans[i].is_wanted) taken.insert(stage.after.begin(), stage.after.end());
+  }
+  return plans;
 }
 
 }  // namespace
@@ -54,28 +79,30 @@ void run_stages(std::span<const Stage> stages, const fs::path& folder, const std
                 const std::function<double()>& cpu_seconds, const StageReport& report,
                 const std::stop_token& stop) {
   fs::create_directories(folder / "stages");
-  std::map<std::string, std::string> outputs;  // digests, by the name of the stage
-  for (size_t number = 0; number < stages.size(); ++number) {
-    const Stage& stage = stages[number];
-    const std::string digest = digest_of_inputs(stage, inputs, outputs);
-    if (const auto existing = record_if_done(folder, stage, digest)) {
-      outputs[stage.name] = existing->outputs_sha256();
-      report(number, stage, StageState::kDone, *existing);
-      continue;
+  for (size_t told = 0;;) {
+    // Anew after each stage: what it made may be other than what was there.
+    const std::vector<StagePlan> plans = plan_stages(stages, folder, inputs);
+    const auto wanted = std::ranges::find(plans, true, &StagePlan::is_wanted);
+    const auto number = static_cast<size_t>(wanted - plans.begin());
+    for (; told < number; ++told) {
+      report(told, stages[told], StageState::kDone, *plans[told].record);
     }
+    if (wanted == plans.end()) return;
+    told = std::max(told, number + 1);
     if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
+    const Stage& stage = stages[number];
     report(number, stage, StageState::kBegins, {});
+    fs::remove(record_path(folder, stage));  // a part of its output is not its output
     const auto start = std::chrono::steady_clock::now();
     const double cpu = cpu_seconds();
     v1::StageRecord record;
     record.set_name(stage.name);
-    record.set_inputs_sha256(digest);
+    record.set_inputs_sha256(wanted->inputs);
     record.set_outputs_sha256(to_hex(sha256(stage.work())));
     record.set_seconds(
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
     record.set_cpu_seconds(cpu_seconds() - cpu);
     write_file_atomically(record_path(folder, stage), to_text_proto(record));
-    outputs[stage.name] = record.outputs_sha256();
     report(number, stage, StageState::kEnds, record);
   }
 }
@@ -83,24 +110,17 @@ void run_stages(std::span<const Stage> stages, const fs::path& folder, const std
 std::vector<StageStatus> stage_status(std::span<const Stage> stages, const fs::path& folder,
                                       const std::string& inputs) {
   std::vector<StageStatus> all;
-  std::map<std::string, std::string> outputs;
   std::map<std::string, double> pieces, seconds;  // that are done, by unit
-  for (const Stage& stage : stages) {
+  const std::vector<StagePlan> plans = plan_stages(stages, folder, inputs);
+  for (size_t i = 0; i < stages.size(); ++i) {
     StageStatus& status = all.emplace_back();
-    status.name = stage.name;
-    if (stage.workload) status.workload = stage.workload();
+    status.name = stages[i].name;
+    status.is_done = !plans[i].is_wanted;
+    if (stages[i].workload) status.workload = stages[i].workload();
     Workload& workload = status.workload;
-    const auto is_made = [&](const std::string& name) { return outputs.contains(name); };
-    if (std::ranges::all_of(stage.after, is_made)) {
-      const std::string digest = digest_of_inputs(stage, inputs, outputs);
-      if (const auto existing = record_if_done(folder, stage, digest)) {
-        outputs[stage.name] = existing->outputs_sha256();
-        status.is_done = true;
-        if (workload.done == 0) {
-          workload.done = workload.pieces;
-          workload.seconds = existing->seconds();
-        }
-      }
+    if (status.is_done && workload.done == 0) {
+      workload.done = workload.pieces;
+      workload.seconds = plans[i].record->seconds();
     }
     pieces[workload.unit] += workload.done;
     seconds[workload.unit] += workload.seconds;

@@ -24,11 +24,14 @@ struct Workload {
 struct Stage {
   std::string name;
   std::vector<std::string> after;  // names of stages before it, whose outputs it takes
-  std::filesystem::path output;    // what it makes: not done without
+  std::filesystem::path output;    // what it makes
   // Makes it, going on where a call before was stopped; returns what tells its outputs from others,
   // e.g. a digest.
   std::function<std::string()> work;
   std::function<Workload()> workload = {};  // optional
+  // Its output is wanted for itself; otherwise for the stages that take it, and it may be gone when
+  // these are done.
+  bool is_result = false;
 };
 
 enum class StageState { kDone, kBegins, kEnds };
@@ -37,9 +40,10 @@ enum class StageState { kDone, kBegins, kEnds };
 using StageReport = std::function<void(size_t number, const Stage& stage, StageState state,
                                        const v1::StageRecord& record)>;
 
-// Runs the stages whose record in `folder`/stages is not there, or is of other inputs. `inputs`:
-// what all of them depend on. `cpu_seconds`: of all work so far, in this process and elsewhere.
-// Throws what a stage throws, and Error (cancelled) soon after a stop is requested.
+// Runs the stages whose record in `folder`/stages is not there, or is of other inputs, and those
+// whose output is gone and wanted. `inputs`: what all of them depend on. `cpu_seconds`: of all work
+// so far, in this process and elsewhere. Throws what a stage throws, and Error (cancelled) soon
+// after a stop is requested.
 void run_stages(std::span<const Stage> stages, const std::filesystem::path& folder,
                 const std::string& inputs, const std::function<double()>& cpu_seconds,
                 const StageReport& report, const std::stop_token& stop);

@@ -59,6 +59,14 @@ std::string to_text_proto(const google::protobuf::Message& message) {
   return text;
 }
 
+std::string to_short_text_proto(const google::protobuf::Message& message) {
+  google::protobuf::TextFormat::Printer printer;
+  printer.SetUseShortRepeatedPrimitives(true);
+  std::string text;
+  printer.PrintToString(message, &text);
+  return text;
+}
+
 std::string to_text_proto_of_01(const google::protobuf::Message& message) {
   return replaced(to_text_proto(message), kField, kFieldOf01);
 }

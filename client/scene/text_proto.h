@@ -10,6 +10,9 @@ namespace itn {
 // The message as text, of which parse_text_proto() makes an equal message.
 std::string to_text_proto(const google::protobuf::Message& message);
 
+// Likewise, with each list of numbers in a line.
+std::string to_short_text_proto(const google::protobuf::Message& message);
+
 // The text with the names that fields had in itn 0.1. Digests of an experiment's stages are of it,
 // so that experiments of then go on.
 std::string to_text_proto_of_01(const google::protobuf::Message& message);

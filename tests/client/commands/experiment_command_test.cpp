@@ -23,6 +23,7 @@ using ::testing::Each;
 using namespace testing;
 using ::testing::HasSubstr;
 using ::testing::Not;
+using ::testing::StartsWith;
 using ::testing::Truly;
 
 // Torch's sums depend on its threads in the last bits.
@@ -86,7 +87,7 @@ TEST(ExperimentCommand, KilledAndContinuedGivesTheSameTables) {
     EXPECT_THAT(whole.output, HasSubstr(network));
   }
   // Killed in three places: while it trains, renders and refines.
-  for (const char* stage : {"shared start 1", "train ITN+naive", "images of RN+naive"}) {
+  for (const char* stage : {"shared start 1", "images of RN+naive", "train ITN+naive"}) {
     Process killed(smoke(folder.path("parts")), true);
     ASSERT_THAT(killed.read_stderr_until(stage), HasSubstr(stage));
     killed.send(SIGKILL);
@@ -97,7 +98,7 @@ TEST(ExperimentCommand, KilledAndContinuedGivesTheSameTables) {
   const Finished continued = run(smoke(folder.path("parts")));
   EXPECT_THAT(unfinished, Each(Truly([](const fs::path& file) { return !fs::exists(file); })));
   ASSERT_EQ(continued.exit_code, 0) << continued.errors;
-  EXPECT_THAT(continued.errors, HasSubstr("train ITN+naive: done before"));
+  EXPECT_THAT(continued.errors, HasSubstr("train RN+naive: done before"));
   for (const char* table : kTables) {
     const std::string expected = but_for_the_timed(content(folder.path("whole") + "/" + table));
     EXPECT_GT(expected.size(), 200U) << table;
@@ -124,6 +125,31 @@ TEST(ExperimentCommand, KilledAndContinuedGivesTheSameTables) {
   EXPECT_THAT(run(status).output,
               AllOf(HasSubstr("dataset: done, 0.0"), HasSubstr("train ITN+similar+map: done, 0.0"),
                     HasSubstr("\n0.0 h left\n")));
+  // Of results alone the same tables are made, with stages and without.
+  const std::string results = folder.path("results");
+  fs::create_directory(results);
+  for (const char* kept : {"experiment.textproto", "learning_rate.textproto", "predictions",
+                           "image_errors", "refinements", "stages"}) {
+    fs::copy(folder.path("whole/") + kept, results + "/" + kept, fs::copy_options::recursive);
+  }
+  const Finished tables = run({testing::kItn, "experiment", "--tables", "-o", results});
+  ASSERT_EQ(tables.exit_code, 0) << tables.errors;
+  EXPECT_THAT(whole.output, StartsWith(tables.output));
+  EXPECT_GT(tables.output.size(), 2000U);
+  const Finished kept = run(smoke(results));
+  EXPECT_THAT(kept.output, StartsWith(tables.output));
+  EXPECT_THAT(kept.output, HasSubstr("Pictures are gone"));
+  EXPECT_THAT(kept.errors, Not(HasSubstr("images/s")));
+  // A network that is asked once more takes its dataset and its weights again.
+  fs::remove(results + "/predictions/itn_naive.textproto");
+  EXPECT_THAT(run({testing::kItn, "experiment", "--tables", "-o", results}).output,
+              Not(HasSubstr("ITN+naive")));
+  const Finished again_asked = run(smoke(results));
+  EXPECT_THAT(again_asked.output, StartsWith(tables.output));
+  EXPECT_THAT(
+      again_asked.errors,
+      AllOf(HasSubstr("] dataset 60/60"), HasSubstr("train RN+naive: done before"),
+            HasSubstr("train ITN+naive 5/5"), HasSubstr("images of ITN+naive: done before")));
   // Another experiment does not go there.
   const std::string other = content(folder.path("whole/experiment.textproto")) + "\nseed: 7\n";
   const Finished refused =

@@ -69,7 +69,7 @@ TEST_F(ExperimentImagesTest, RendersTheReferencesThatAreMissing) {
   ExperimentImages study = images("again");
   study.render_references(*pool_, nobody, {});
   const std::vector<float> before = study.reference(ExperimentScene::kNovel, 1);
-  const std::string file = fmt::format("reference_novel_{:04}.exr", study.chosen()[1]);
+  const std::string file = fmt::format("novel_{:04}.exr", study.chosen()[1]);
   std::filesystem::remove(files_->path("again") + "/" + file);
   expect_error(ErrorKind::kIo, {file}, [&] { study.reference(ExperimentScene::kNovel, 1); });
   std::vector<size_t> done;

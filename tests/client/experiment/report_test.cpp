@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "common/files/read_file.h"
-#include "common/scene/material_proto.h"
 #include "tests/client/experiment/experiment_fixture.h"
 #include "tests/support/temporary_folder.h"
 
@@ -33,7 +32,7 @@ class ReportTest : public SmallExperiment {
       const std::string file = file_name_of(network.name());
       images_->compare(file, materials_of(network.name()), *pool_, no_listener, {});
       render_colours(*colours_, std::vector<Material>(6, Material{80, 0.6, 0.3}), 4,
-                     files_->path("images"), file, *pool_, no_listener, {});
+                     files_->path("images"), file, *pool_, {});
     }
   }
   static void TearDownTestSuite() {
@@ -160,18 +159,20 @@ TEST_F(ReportTest, DrawsTheCurvesOfWhatTrainingsLogged) {
 TEST_F(ReportTest, CountsTheTruthsInTheStatedIntervals) {
   ReportedNetwork& network = add_network("ITN+naive", "");
   EXPECT_THAT(page(), HasSubstr("they answer points"));
+  constexpr double kHalf = 0.01;  // of an interval
+  v1::ExperimentPredictions::Estimates& estimates = *network.predictions.mutable_as_trained();
   for (size_t i = 0; i < test_.truth.size(); ++i) {
-    v1::ExperimentPredictions::Estimate& estimate = *network.predictions.add_as_trained();
-    *estimate.mutable_material() = to_proto(test_.truth[i]);
-    const auto around = [](double value) {
-      v1::Interval interval;
-      interval.set_min(value - 0.01);
-      interval.set_max(value + 0.01);
-      return interval;
+    const Material& truth = test_.truth[i];
+    const auto add = [](double low, double high, auto& lows, auto& highs) {
+      lows.Add(static_cast<float>(low));
+      highs.Add(static_cast<float>(high));
     };
-    *estimate.mutable_sigma_t() = around(test_.truth[i].sigma_t + (i % 2 == 0 ? 0 : 1));
-    *estimate.mutable_albedo() = around(test_.truth[i].albedo);
-    *estimate.mutable_g() = around(test_.truth[i].g + 1);
+    const double sigma_t = truth.sigma_t + (i % 2 == 0 ? 0 : 1), g = truth.g + 1;
+    add(sigma_t - kHalf, sigma_t + kHalf, *estimates.mutable_sigma_t_low(),
+        *estimates.mutable_sigma_t_high());
+    add(truth.albedo - kHalf, truth.albedo + kHalf, *estimates.mutable_albedo_low(),
+        *estimates.mutable_albedo_high());
+    add(g - kHalf, g + kHalf, *estimates.mutable_g_low(), *estimates.mutable_g_high());
   }
   EXPECT_THAT(page(), HasSubstr("| 50.0 % | 100.0 % | 0.0 % |"));
 }

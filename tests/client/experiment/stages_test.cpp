@@ -26,11 +26,17 @@ class Stages : public ::testing::Test {
               if (name == fails_) throw Error(ErrorKind::kUnavailable, "no worker");
               ran_.push_back(name);
               folder_.write(name, made_);
+              if (name == breaks_) throw Error(ErrorKind::kUnavailable, "no worker");
               return made_;
             }};
   }
 
-  std::vector<Stage> stages() { return {stage("first", {}), stage("second", {"first"})}; }
+  std::vector<Stage> stages() {
+    std::vector<Stage> all = {stage("first", {}), stage("second", {"first"})};
+    all.back().is_result = true;
+    all.insert(all.end(), more_.begin(), more_.end());
+    return all;
+  }
 
   std::set<std::string> done(const std::string& inputs = "experiment") {
     std::set<std::string> names;
@@ -51,7 +57,9 @@ class Stages : public ::testing::Test {
   }
 
   TemporaryFolder folder_;
+  std::vector<Stage> more_;
   std::string made_ = "1", fails_;
+  std::string breaks_;  // the name of one that fails when its output is begun
   std::vector<std::string> ran_;
 };
 
@@ -68,14 +76,44 @@ TEST_F(Stages, GoOnWhereOneFailed) {
   EXPECT_THAT(run(), ElementsAre("second"));
 }
 
-TEST_F(Stages, RunAgainWithoutTheirOutputAndWithOtherInputs) {
+TEST_F(Stages, RunAgainWithOtherInputs) {
   run();
-  std::filesystem::remove(folder_.path("first"));
-  EXPECT_THAT(run(), ElementsAre("first"));  // makes the same: the second stays
-  std::filesystem::remove(folder_.path("first"));
-  made_ = "2";
-  EXPECT_THAT(run(), ElementsAre("first", "second"));
   EXPECT_THAT(run("another experiment"), ElementsAre("first", "second"));
+}
+
+// What the first makes is gone: nobody misses it, until the second is to run again.
+TEST_F(Stages, WhatIsGoneIsMadeForThoseThatTakeIt) {
+  run();
+  fs::remove(folder_.path("first"));
+  EXPECT_THAT(run(), ElementsAre());
+  fs::remove(folder_.path("second"));
+  EXPECT_THAT(run(), ElementsAre("first", "second"));
+  fs::remove(folder_.path("second"));
+  EXPECT_THAT(run(), ElementsAre("second"));
+}
+
+// The third takes nothing that is made anew, so far as is known at first.
+TEST_F(Stages, AStageThatMakesSomethingElseWakesThoseAfterIt) {
+  more_ = {stage("aside", {}), stage("third", {"second", "aside"})};
+  EXPECT_THAT(run(), ElementsAre("first", "second", "aside", "third"));
+  for (const char* name : {"first", "second", "aside", "stages/second.textproto"}) {
+    fs::remove(folder_.path(name));
+  }
+  EXPECT_THAT(run(), ElementsAre("first", "second"));  // as before: the third stays
+  fs::remove(folder_.path("stages/second.textproto"));
+  made_ = "2";
+  EXPECT_THAT(run(), ElementsAre("second", "aside", "third"));
+}
+
+TEST_F(Stages, APartOfAnOutputIsNotTakenForIt) {
+  run();
+  fs::remove(folder_.path("first"));
+  fs::remove(folder_.path("second"));
+  breaks_ = "first";
+  EXPECT_THROW(run(), Error);
+  EXPECT_TRUE(fs::exists(folder_.path("first")));
+  breaks_.clear();
+  EXPECT_THAT(run(), ElementsAre("first", "second"));
 }
 
 TEST_F(Stages, SayWhichAreDone) {
@@ -87,7 +125,9 @@ TEST_F(Stages, SayWhichAreDone) {
   run();
   EXPECT_THAT(done(), ElementsAre("first", "second"));
   EXPECT_THAT(done("another experiment"), ElementsAre());
-  std::filesystem::remove(folder_.path("first"));
+  fs::remove(folder_.path("first"));
+  EXPECT_THAT(done(), ElementsAre("first", "second"));
+  fs::remove(folder_.path("stages/first.textproto"));
   EXPECT_THAT(done(), ElementsAre());  // what it will make is not known
 }
 
