@@ -591,11 +591,14 @@ std::vector<Stage> ExperimentRunner::stages() {
     return colour_plan(std::move(test), spread(experiment_.rerendering().shown(), count));
   }));
   stages.push_back(rate_stage());
-  for (const auto& [key, start] : shared_) stages.push_back(shared_stage(start));
   stages.push_back(reference_stage());
   for (const std::string& name : baselines()) stages.push_back(image_stage(name, {}));
   if (experiment_.has_refinement()) stages.push_back(refinement_stage(kConstant, {}));
   for (const v1::ExperimentNetwork& network : experiment_.networks()) {
+    const auto start = start_of_.find(network.name());
+    if (start != start_of_.end() && start->second.first == &network) {
+      stages.push_back(shared_stage(start->second));
+    }
     stages.push_back(network_stage(network));
     stages.push_back(prediction_stage(network));
     stages.push_back(image_stage(network));
