@@ -139,7 +139,7 @@ void run_experiment(const ExperimentOptions& options) {
   print_tables(result.tables);
   if (result.report.empty()) {
     print_result(
-        "The intervals are in CSV files in {}. Pictures are gone, so there is no report.\n",
+        "The intervals are in CSV files in {}. The images are gone, so there is no report.\n",
         options.folder);
   } else {
     print_result("The intervals are in the report, and in CSV files beside it:\n{}\n",

@@ -48,7 +48,7 @@ ColourPicture input_colours(const DatasetReader& colours, size_t k) {
 void render_colours(DatasetReader& colours, std::span<const Material> materials, uint32_t spp,
                     const fs::path& folder, const std::string& name, RenderPool& pool,
                     std::stop_token stop) {
-  fs::create_directories(folder);
+  fs::create_directories(folder / name);
   const size_t pictures = materials.size() / kColours;
   for (size_t k = 0; k < pictures; ++k) {
     Image image;
@@ -72,7 +72,7 @@ ColourPicture read_colours(const fs::path& folder, const std::string& name, size
 }
 
 fs::path colours_file(const fs::path& folder, const std::string& name, size_t k) {
-  return folder / fmt::format("{}_colour_{:02}.exr", name, k);
+  return folder / name / fmt::format("colour_{:02}.exr", k);
 }
 
 }  // namespace itn

@@ -216,8 +216,6 @@ class ExperimentRunner {
   Stage refinement_stage(const std::string& candidate, std::vector<std::string> after);
   // Compares renders of what one says with renders of the truth.
   Stage image_stage(const std::string& candidate, std::vector<std::string> after);
-  // Likewise, and makes the colour pictures of a network.
-  Stage image_stage(const v1::ExperimentNetwork& network);
 
   std::string train(const std::string& stage, const fs::path& folder, v1::TrainingConfig config,
                     std::optional<fs::path> init, const std::string& model_name);
@@ -300,7 +298,7 @@ class ExperimentRunner {
   // What a row of the tables says of each image of the test.
   std::vector<Material> materials_for(const std::string& name);
   std::vector<std::string> baselines();
-  bool has_pictures() const;
+  void render_pictures(const v1::ExperimentNetwork& network);
 
   const v1::Experiment& experiment_;
   const ExperimentRun& run_;
@@ -487,6 +485,7 @@ Stage ExperimentRunner::prediction_stage(const v1::ExperimentNetwork& network) {
           path,
           [=, this, &network] {
             run_.progress(name, "", 0, 0, "");
+            fs::remove_all(folder("images") / file_name_of(network.name()));
             return write_text(path, predict_test(network_folder(network), dataset(), other_noise(),
                                                  colours(), run_.stop));
           },
@@ -518,7 +517,7 @@ Stage ExperimentRunner::image_stage(const std::string& candidate, std::vector<st
           path,
           [=, this] {
             return write_text(path, images().compare(
-                                        file_name_of(candidate), materials_for(candidate), pool(),
+                                        materials_for(candidate), pool(),
                                         [&](size_t done, size_t total) {
                                           run_.progress(name, "images", done, total, "");
                                         },
@@ -526,17 +525,6 @@ Stage ExperimentRunner::image_stage(const std::string& candidate, std::vector<st
           },
           [this] { return rerendered_images(1); },
           true};
-}
-
-Stage ExperimentRunner::image_stage(const v1::ExperimentNetwork& network) {
-  Stage stage = image_stage(network.name(), {"predict " + network.name(), "colours"});
-  stage.work = [work = stage.work, this, &network] {
-    render_colours(colours(), materials_of(predictions_of(network.name()).colours()),
-                   experiment_.rerendering().spp(), folder("images"), file_name_of(network.name()),
-                   pool(), run_.stop);
-    return work();
-  };
-  return stage;
 }
 
 Stage ExperimentRunner::refinement_stage(const std::string& candidate,
@@ -601,7 +589,7 @@ std::vector<Stage> ExperimentRunner::stages() {
     }
     stages.push_back(network_stage(network));
     stages.push_back(prediction_stage(network));
-    stages.push_back(image_stage(network));
+    stages.push_back(image_stage(network.name(), {"predict " + network.name()}));
     if (experiment_.has_refinement()) {
       stages.push_back(refinement_stage(network.name(), {"predict " + network.name()}));
     }
@@ -703,20 +691,24 @@ std::vector<Table> ExperimentRunner::write_tables(const Answers& answers) const 
   return tables;
 }
 
-// Whether all is there that a report shows.
-bool ExperimentRunner::has_pictures() const {
-  const auto is_there = [&](const v1::ExperimentNetwork& network) {
-    return fs::exists(colours_file(folder("images"), file_name_of(network.name()), 0));
-  };
-  return std::ranges::all_of(experiment_.networks(), is_there) && fs::exists(references_folder()) &&
-         fs::exists(folder("data") / kManifestName) &&
-         fs::exists(folder("colours") / kManifestName);
+// What the network answered, in pictures; those that are there are kept.
+void ExperimentRunner::render_pictures(const v1::ExperimentNetwork& network) {
+  const std::string file = file_name_of(network.name());
+  const v1::ExperimentPredictions predictions = predictions_of(network.name());
+  images().render_pictures(file, materials_of(predictions.as_trained()), pool(), run_.stop);
+  if (fs::exists(colours_file(folder("images"), file, 0))) return;
+  render_colours(colours(), materials_of(predictions.colours()), experiment_.rerendering().spp(),
+                 folder("images"), file, pool(), run_.stop);
 }
 
 ExperimentResult ExperimentRunner::write_result(const std::vector<v1::StageRecord>& records) {
   const Answers answers = this->answers();
   ExperimentResult result{.tables = write_tables(answers), .report = {}};
-  if (!has_pictures()) return result;
+  // Scenes are of the datasets.
+  if (!fs::exists(folder("data") / kManifestName) ||
+      !fs::exists(folder("colours") / kManifestName)) {
+    return result;
+  }
   ExperimentReport report{.experiment = experiment_,
                           .tables = result.tables,
                           .test = answers.test,
@@ -728,10 +720,11 @@ ExperimentResult ExperimentRunner::write_result(const std::vector<v1::StageRecor
                           .rate = read_text<v1::RateChoice>(folder(kRateName), "learning rate"),
                           .stages = records};
   for (const v1::ExperimentNetwork& network : experiment_.networks()) {
+    render_pictures(network);
     const auto start = start_of_.find(network.name());
     report.networks.push_back(
         {.name = network.name(),
-         .cost = read_cost(network_folder(network)),
+         .cost = find_cost(network_folder(network)),
          .metrics = network_folder(network) / kMetricsName,
          .shared_metrics = start == start_of_.end()
                                ? fs::path()

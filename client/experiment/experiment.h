@@ -49,7 +49,7 @@ std::vector<StageStatus> stage_status(const v1::Experiment& experiment,
 
 struct ExperimentResult {
   std::vector<Table> tables;
-  std::filesystem::path report;  // Markdown; empty: a picture of it is gone
+  std::filesystem::path report;  // Markdown; empty: the datasets are gone
 };
 
 // Writes the tables of the networks that have answered in the folder of an experiment. Renders

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <deque>
 #include <future>
+#include <numeric>
 #include <utility>
 
 #include <fmt/format.h>
@@ -74,7 +75,7 @@ fs::path ExperimentImages::reference_file(ExperimentScene scene, size_t k) const
 
 fs::path ExperimentImages::picture_file(const std::string& name, ExperimentScene scene,
                                         size_t k) const {
-  return pictures_ / fmt::format("{}_{}_{:04}.exr", name, name_of(scene), chosen_[k]);
+  return pictures_ / name / fmt::format("{}_{:04}.exr", name_of(scene), chosen_[k]);
 }
 
 std::shared_ptr<const SerializedScene> ExperimentImages::scene_of(ExperimentScene scene, size_t k) {
@@ -103,14 +104,22 @@ RenderJob ExperimentImages::job(ExperimentScene scene, size_t k, const Material&
 
 void ExperimentImages::render_references(RenderPool& pool, const ImageProgress& progress,
                                          std::stop_token stop) {
+  std::vector<size_t> all(chosen_.size());
+  std::iota(all.begin(), all.end(), size_t{0});
+  render_references(all, pool, progress, stop);
+}
+
+void ExperimentImages::render_references(std::span<const size_t> images, RenderPool& pool,
+                                         const ImageProgress& progress,
+                                         const std::stop_token& stop) {
   fs::create_directories(references_);
   std::vector<std::pair<ExperimentScene, size_t>> missing;
   for (const ExperimentScene scene : kExperimentScenes) {
-    for (size_t k = 0; k < chosen_.size(); ++k) {
+    for (const size_t k : images) {
       if (!fs::exists(reference_file(scene, k))) missing.emplace_back(scene, k);
     }
   }
-  const size_t total = 2 * chosen_.size();
+  const size_t total = 2 * images.size();
   size_t done = total - missing.size();
   progress(done, total);
   render_all(
@@ -130,11 +139,9 @@ void ExperimentImages::render_references(RenderPool& pool, const ImageProgress& 
       });
 }
 
-v1::ExperimentImageErrors ExperimentImages::compare(const std::string& name,
-                                                    const std::vector<Material>& materials,
+v1::ExperimentImageErrors ExperimentImages::compare(const std::vector<Material>& materials,
                                                     RenderPool& pool, const ImageProgress& progress,
                                                     std::stop_token stop) {
-  fs::create_directories(pictures_);
   v1::ExperimentImageErrors result;
   const size_t count = chosen_.size(), total = 2 * count;
   const auto place = [&](size_t i) { return std::pair(kExperimentScenes[i / count], i % count); };
@@ -148,18 +155,33 @@ v1::ExperimentImageErrors ExperimentImages::compare(const std::string& name,
       pool, stop,
       [&](size_t i, const v1::RenderGradReply& reply) {
         const auto [scene, k] = place(i);
-        std::vector<float> rendered = from_bytes<float>(reply.estimates(0).radiance());
+        const std::vector<float> rendered = from_bytes<float>(reply.estimates(0).radiance());
         const std::vector<float> truth = reference(scene, k);
         v1::ExperimentImageErrors::Errors& errors =
             scene == ExperimentScene::kSame ? *result.add_same_scene() : *result.add_novel_scene();
         errors.set_relative_l2(relative_image_error(truth, rendered, mask(scene, k)));
         errors.set_dissimilarity(1 - ms_ssim(resolution(), truth, rendered));
-        if (std::ranges::find(shown_, k) != shown_.end()) {
-          write_image(picture_file(name, scene, k), resolution(), std::move(rendered));
-        }
         progress(i + 1, total);
       });
   return result;
+}
+
+void ExperimentImages::render_pictures(const std::string& name,
+                                       const std::vector<Material>& materials, RenderPool& pool,
+                                       std::stop_token stop) {
+  render_references(
+      shown_, pool, [](size_t, size_t) {}, stop);
+  fs::create_directories(pictures_ / name);
+  for (const ExperimentScene scene : kExperimentScenes) {
+    for (const size_t k : shown_) {
+      const fs::path file = picture_file(name, scene, k);
+      if (fs::exists(file)) continue;
+      std::future<v1::RenderGradReply> render =
+          pool.submit(job(scene, k, materials[chosen_[k]], settings_.spp(), kComparedBranch));
+      write_image(file, resolution(),
+                  from_bytes<float>(wait_for_render(render, stop).estimates(0).radiance()));
+    }
+  }
 }
 
 std::vector<float> ExperimentImages::reference(ExperimentScene scene, size_t k) const {

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <span>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -44,26 +45,31 @@ class ExperimentImages {
   const std::vector<size_t>& shown() const { return shown_; }
   int resolution() const { return test_.resolution; }
 
-  // Renders the references that are not there.
+  // Renders the references that are not there, of all chosen images.
   void render_references(RenderPool& pool, const ImageProgress& progress, std::stop_token stop);
 
-  // Renders a material for each image of the test that is chosen, compares them with the
-  // references, and keeps those that are shown. `name`: a file's. The random numbers are the same
-  // whatever the materials.
-  v1::ExperimentImageErrors compare(const std::string& name, const std::vector<Material>& materials,
-                                    RenderPool& pool, const ImageProgress& progress,
-                                    std::stop_token stop);
+  // Renders a material for each image of the test that is chosen, and compares them with the
+  // references. The random numbers are the same whatever the materials.
+  v1::ExperimentImageErrors compare(const std::vector<Material>& materials, RenderPool& pool,
+                                    const ImageProgress& progress, std::stop_token stop);
+
+  // Renders the same images where they are shown and not there, into the folder `name` of pictures,
+  // and their references.
+  void render_pictures(const std::string& name, const std::vector<Material>& materials,
+                       RenderPool& pool, std::stop_token stop);
 
   // The reference render of the chosen image number `k`. Throws Error (kIo) if it has not been
   // rendered.
   std::vector<float> reference(ExperimentScene scene, size_t k) const;
-  // A render of an image that is shown.
+  // One that render_pictures() made.
   std::vector<float> picture(const std::string& name, ExperimentScene scene, size_t k) const;
 
  private:
   std::filesystem::path reference_file(ExperimentScene scene, size_t k) const;
   std::filesystem::path picture_file(const std::string& name, ExperimentScene scene,
                                      size_t k) const;
+  void render_references(std::span<const size_t> images, RenderPool& pool,
+                         const ImageProgress& progress, const std::stop_token& stop);
   // The job that renders the chosen image number `k` with a material in the place of its own.
   RenderJob job(ExperimentScene scene, size_t k, const Material& material, uint32_t spp,
                 uint64_t branch);

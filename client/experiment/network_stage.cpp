@@ -136,6 +136,10 @@ v1::NetworkCost read_cost(const fs::path& folder) {
   return cost;
 }
 
+std::optional<v1::NetworkCost> find_cost(const fs::path& folder) {
+  return fs::exists(folder / kCostName) ? std::optional(read_cost(folder)) : std::nullopt;
+}
+
 double best_score(const fs::path& folder) {
   return read_checkpoint(folder).training().best_score();
 }

@@ -289,9 +289,16 @@ std::string cost_section(const ExperimentReport& report) {
       "goes on by itself. Processor time is of these steps, renders included.\n\n" +
       table_head({"", "shared steps", "own steps", "processor time", "by the clock"});
   for (const ReportedNetwork& network : report.networks) {
-    text += table_row({network.name, fmt::format("{}", report.experiment.shared_steps()),
-                       fmt::format("{}", network.cost.steps()),
-                       duration(network.cost.cpu_seconds()), duration(network.cost.seconds())});
+    std::vector<std::string> cells = {network.name,
+                                      fmt::format("{}", report.experiment.shared_steps())};
+    if (network.cost) {
+      cells.push_back(fmt::format("{}", network.cost->steps()));
+      cells.push_back(duration(network.cost->cpu_seconds()));
+      cells.push_back(duration(network.cost->seconds()));
+    } else {
+      cells.resize(cells.size() + 3, "?");
+    }
+    text += table_row(cells);
   }
   std::vector<std::string> rates;
   for (const v1::RateChoice::Trial& trial : report.rate.trials()) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,7 +15,7 @@ namespace itn {
 
 struct ReportedNetwork {
   std::string name;
-  v1::NetworkCost cost;
+  std::optional<v1::NetworkCost> cost;
   std::filesystem::path metrics;         // metrics.jsonl of its run
   std::filesystem::path shared_metrics;  // and of the one that it goes on from; may be empty
   v1::ExperimentPredictions predictions;

@@ -138,7 +138,7 @@ TEST(ExperimentCommand, KilledAndContinuedGivesTheSameTables) {
   EXPECT_GT(tables.output.size(), 2000U);
   const Finished kept = run(smoke(results));
   EXPECT_THAT(kept.output, StartsWith(tables.output));
-  EXPECT_THAT(kept.output, HasSubstr("Pictures are gone"));
+  EXPECT_THAT(kept.output, HasSubstr("The images are gone"));
   EXPECT_THAT(kept.errors, Not(HasSubstr("images/s")));
   // A network that is asked once more takes its dataset and its weights again.
   fs::remove(results + "/predictions/itn_naive.textproto");

@@ -37,9 +37,8 @@ TEST_F(ExperimentImagesTest, ComparesWithTheTruthInBothScenes) {
       *pool_, [&](size_t done, size_t total) { progress.emplace_back(done, total); }, {});
   EXPECT_EQ(progress.front(), std::pair(size_t{0}, size_t{6}));
   EXPECT_EQ(progress.back(), std::pair(size_t{6}, size_t{6}));
-  const v1::ExperimentImageErrors truth = study.compare("truth", test_.truth, *pool_, nobody, {});
-  const v1::ExperimentImageErrors wrong =
-      study.compare("wrong", wrong_materials(), *pool_, nobody, {});
+  const v1::ExperimentImageErrors truth = study.compare(test_.truth, *pool_, nobody, {});
+  const v1::ExperimentImageErrors wrong = study.compare(wrong_materials(), *pool_, nobody, {});
   ASSERT_EQ(truth.same_scene_size(), 3);
   ASSERT_EQ(truth.novel_scene_size(), 3);
   for (int k = 0; k < 3; ++k) {
@@ -53,16 +52,27 @@ TEST_F(ExperimentImagesTest, ComparesWithTheTruthInBothScenes) {
   // The novel scene is another one, and the same whatever the image was of.
   EXPECT_NE(study.reference(ExperimentScene::kSame, 0),
             study.reference(ExperimentScene::kNovel, 0));
-  // Images that are shown are kept.
-  EXPECT_EQ(study.picture("wrong", ExperimentScene::kNovel, study.shown()[0]).size(), 256U);
+}
+
+// By the same random numbers as images that are compared; the second time they are there.
+TEST_F(ExperimentImagesTest, PicturesComeWithTheirReferences) {
+  ExperimentImages study = images("shown");
+  study.render_pictures("wrong", wrong_materials(), *pool_, {});
+  const size_t k = study.shown()[1];
+  const std::vector<float> picture = study.picture("wrong", ExperimentScene::kNovel, k);
+  EXPECT_EQ(picture.size(), 256U);
+  EXPECT_EQ(study.reference(ExperimentScene::kNovel, k).size(), 256U);
+  EXPECT_NE(study.picture("wrong", ExperimentScene::kSame, k), picture);
+  study.render_pictures("wrong", test_.truth, *pool_, {});
+  EXPECT_EQ(study.picture("wrong", ExperimentScene::kNovel, k), picture);
 }
 
 // Candidates differ by their materials alone, never by the luck of their renders.
 TEST_F(ExperimentImagesTest, RendersAllCandidatesWithTheSameRandomNumbers) {
   ExperimentImages study = images("random");
   study.render_references(*pool_, nobody, {});
-  EXPECT_EQ(to_text_proto(study.compare("a", test_.truth, *pool_, nobody, {})),
-            to_text_proto(study.compare("b", test_.truth, *pool_, nobody, {})));
+  EXPECT_EQ(to_text_proto(study.compare(test_.truth, *pool_, nobody, {})),
+            to_text_proto(study.compare(test_.truth, *pool_, nobody, {})));
 }
 
 TEST_F(ExperimentImagesTest, RendersTheReferencesThatAreMissing) {

@@ -30,7 +30,7 @@ class ReportTest : public SmallExperiment {
     colours_.emplace(files_->path("colours"));
     for (const v1::ExperimentNetwork& network : experiment_.networks()) {
       const std::string file = file_name_of(network.name());
-      images_->compare(file, materials_of(network.name()), *pool_, no_listener, {});
+      images_->render_pictures(file, materials_of(network.name()), *pool_, {});
       render_colours(*colours_, std::vector<Material>(6, Material{80, 0.6, 0.3}), 4,
                      files_->path("images"), file, *pool_, {});
     }
@@ -77,8 +77,8 @@ class ReportTest : public SmallExperiment {
   ReportedNetwork& add_network(const std::string& name, const std::string& metrics) {
     ReportedNetwork network;
     network.name = name;
-    network.cost.set_steps(5);
-    network.cost.set_cpu_seconds(2.5);
+    network.cost.emplace().set_steps(5);
+    network.cost->set_cpu_seconds(2.5);
     network.metrics = files_->write(file_name_of(name) + ".jsonl", metrics);
     return networks_.emplace_back(network);
   }
