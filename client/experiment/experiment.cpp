@@ -159,6 +159,21 @@ DatasetPlan other_noise_plan(const v1::Experiment& experiment) {
   return plan;
 }
 
+// Throws Error (invalid input) if a list in a file of results is not as long as the experiment
+// says.
+void require_length(const fs::path& file, const std::string& list, int length, size_t expected) {
+  if (static_cast<size_t>(length) == expected) return;
+  throw invalid_input(fmt::format("{}: {} has {} entries; by experiment.textproto there are {}",
+                                  file.string(), list, length, expected));
+}
+
+void require_length(const fs::path& file, const std::string& list,
+                    const v1::ExperimentPredictions::Estimates& estimates, size_t expected) {
+  require_length(file, list + ".sigma_t", estimates.sigma_t_size(), expected);
+  require_length(file, list + ".albedo", estimates.albedo_size(), expected);
+  require_length(file, list + ".g", estimates.g_size(), expected);
+}
+
 std::vector<Material> materials_of(const v1::ExperimentPredictions::Estimates& estimates) {
   std::vector<Material> materials;
   for (int i = 0; i < estimates.sigma_t_size(); ++i) {
@@ -225,7 +240,7 @@ class ExperimentRunner {
     return folder("networks") / file_name_of(network.name());
   }
   fs::path predictions_path(const std::string& name) const {
-    return folder("predictions") / (file_name_of(name) + ".textproto");
+    return folder("answers") / (file_name_of(name) + ".textproto");
   }
   fs::path refinements_path(const std::string& name) const {
     return folder("refinements") / (file_name_of(name) + ".textproto");
@@ -294,7 +309,7 @@ class ExperimentRunner {
   const v1::ExperimentNetwork& network_of(const std::string& name) const;
 
   Candidate candidate(const std::string& name, Candidate::Kind kind);
-  v1::ExperimentPredictions predictions_of(const std::string& name) const;
+  v1::ExperimentPredictions predictions_of(const std::string& name);
   // What a row of the tables says of each image of the test.
   std::vector<Material> materials_for(const std::string& name);
   std::vector<std::string> baselines();
@@ -597,8 +612,14 @@ std::vector<Stage> ExperimentRunner::stages() {
   return stages;
 }
 
-v1::ExperimentPredictions ExperimentRunner::predictions_of(const std::string& name) const {
-  return read_text<v1::ExperimentPredictions>(predictions_path(name), "predictions");
+v1::ExperimentPredictions ExperimentRunner::predictions_of(const std::string& name) {
+  const fs::path file = predictions_path(name);
+  auto predictions = read_text<v1::ExperimentPredictions>(file, "answers");
+  const size_t images = planned_test().truth.size();
+  require_length(file, "as_trained", predictions.as_trained(), images);
+  require_length(file, "other_noise", predictions.other_noise(),
+                 images_of_other_noise(experiment_, images).size());
+  return predictions;
 }
 
 std::vector<Material> ExperimentRunner::materials_for(const std::string& name) {
@@ -636,13 +657,27 @@ Candidate ExperimentRunner::candidate(const std::string& name, Candidate::Kind k
     candidate.other_noise = materials_of(predictions_of(name).other_noise());
   }
   if (fs::exists(errors_path(name))) {
-    const auto errors = read_text<v1::ExperimentImageErrors>(errors_path(name), "image errors");
+    const fs::path file = errors_path(name);
+    const auto errors = read_text<v1::ExperimentImageErrors>(file, "image errors");
+    const size_t images =
+        spread(experiment_.rerendering().images(), candidate.as_trained.size()).size();
+    require_length(file, "same_scene", errors.same_scene_size(), images);
+    require_length(file, "novel_scene", errors.novel_scene_size(), images);
     candidate.same_scene = image_errors_of(errors.same_scene());
     candidate.novel_scene = image_errors_of(errors.novel_scene());
   }
   if (fs::exists(refinements_path(name))) {
-    const auto refinements =
-        read_text<v1::ExperimentRefinements>(refinements_path(name), "refinements");
+    const fs::path file = refinements_path(name);
+    const auto refinements = read_text<v1::ExperimentRefinements>(file, "refinements");
+    const v1::AnalysisBySynthesis& settings = experiment_.refinement();
+    require_length(file, "images", refinements.images_size(),
+                   refined_images(settings, candidate.as_trained.size()).size());
+    for (const v1::ExperimentRefinement& image : refinements.images()) {
+      require_length(file, "adam", image.adam_size(),
+                     static_cast<size_t>(settings.iterations_size()));
+      require_length(file, "gauss_newton", image.gauss_newton_size(),
+                     static_cast<size_t>(settings.gauss_newton_iterations_size()));
+    }
     candidate.refinements.assign(refinements.images().begin(), refinements.images().end());
   }
   return candidate;

@@ -3,12 +3,12 @@
 //   experiment.textproto   what it is, with all defaults
 //   data/, other_noise/, colours/   datasets (itn dataset)
 //   rates/, shared/, networks/   runs (itn train)
-//   predictions/, image_errors/, refinements/   what the networks say of the test
+//   answers/, image_errors/, refinements/   what the networks say of the test
 //   references/, images/   renders of the truth and of what networks say
 //   stages/                what is done
 //   table_1.csv, ..., report.md, report/
 //
-// Of predictions, image_errors, refinements and experiment.textproto the tables are made; datasets,
+// Of answers, image_errors, refinements and experiment.textproto the tables are made; datasets,
 // runs and images are made again only for stages that are not done.
 #pragma once
 

@@ -128,7 +128,7 @@ TEST(ExperimentCommand, KilledAndContinuedGivesTheSameTables) {
   // Of results alone the same tables are made, with stages and without.
   const std::string results = folder.path("results");
   fs::create_directory(results);
-  for (const char* kept : {"experiment.textproto", "learning_rate.textproto", "predictions",
+  for (const char* kept : {"experiment.textproto", "learning_rate.textproto", "answers",
                            "image_errors", "refinements", "stages"}) {
     fs::copy(folder.path("whole/") + kept, results + "/" + kept, fs::copy_options::recursive);
   }
@@ -141,7 +141,7 @@ TEST(ExperimentCommand, KilledAndContinuedGivesTheSameTables) {
   EXPECT_THAT(kept.output, HasSubstr("The images are gone"));
   EXPECT_THAT(kept.errors, Not(HasSubstr("images/s")));
   // A network that is asked once more takes its dataset and its weights again.
-  fs::remove(results + "/predictions/itn_naive.textproto");
+  fs::remove(results + "/answers/itn_naive.textproto");
   EXPECT_THAT(run({testing::kItn, "experiment", "--tables", "-o", results}).output,
               Not(HasSubstr("ITN+naive")));
   const Finished again_asked = run(smoke(results));
@@ -150,6 +150,18 @@ TEST(ExperimentCommand, KilledAndContinuedGivesTheSameTables) {
       again_asked.errors,
       AllOf(HasSubstr("] dataset 60/60"), HasSubstr("train RN+naive: done before"),
             HasSubstr("train ITN+naive 5/5"), HasSubstr("images of ITN+naive: done before")));
+  // Results that are not of the experiment are refused.
+  const std::string answers = content(results + "/answers/itn_naive.textproto");
+  std::ofstream(results + "/answers/itn_naive.textproto")
+      << answers.substr(0, answers.find('[') + 1) << "1, " << answers.substr(answers.find('[') + 1);
+  const Finished odd = run({testing::kItn, "experiment", "--tables", "-o", results});
+  EXPECT_EQ(odd.exit_code, 3);
+  EXPECT_THAT(odd.errors, AllOf(HasSubstr("itn_naive.textproto"), HasSubstr("sigma_t has 19"),
+                                HasSubstr("there are 18")));
+  const Finished nothing =
+      run({testing::kItn, "experiment", "--tables", "-o", folder.path("none")});
+  EXPECT_NE(nothing.exit_code, 0);
+  EXPECT_THAT(nothing.errors, HasSubstr("experiment.textproto"));
   // Another experiment does not go there.
   const std::string other = content(folder.path("whole/experiment.textproto")) + "\nseed: 7\n";
   const Finished refused =
