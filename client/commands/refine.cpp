@@ -237,13 +237,23 @@ void set_boundary(const v1::Object& object, v1::RefineResult& result) {
   }
 }
 
-std::string in_short(const v1::RefineIteration& iteration) {
+// "rough_dielectric.index" is "index", "position.x" stays.
+std::string last_words(const std::string& name) {
+  constexpr size_t kLetter = 1;
+  size_t dot = name.rfind('.');
+  if (dot != std::string::npos && name.size() - dot - 1 == kLetter) dot = name.rfind('.', dot - 1);
+  return dot == std::string::npos ? name : name.substr(dot + 1);
+}
+
+std::string in_short(const v1::RefineIteration& iteration, const v1::RefineSettings& settings) {
   std::string sigma_t, albedo, unknowns;
   for (const v1::Material& material : iteration.materials()) {
     sigma_t += fmt::format(" {:.4g}", material.sigma_t());
     albedo += fmt::format(" {:.4f}", material.albedo());
   }
-  for (const double value : iteration.unknowns()) unknowns += fmt::format(" {:.4f}", value);
+  for (int i = 0; i < iteration.unknowns_size(); ++i) {
+    unknowns += fmt::format(" {} {:.4f}", last_words(settings.unknowns(i)), iteration.unknowns(i));
+  }
   return fmt::format("sigma_t{} albedo{} g {:.4f}{}, loss {:.2g}, {} spp", sigma_t, albedo,
                      iteration.materials(0).g(), unknowns, iteration.loss(), iteration.spp());
 }
@@ -423,7 +433,7 @@ std::vector<v1::RefineResult> find_materials(const RefineOptions& options) {
           [&](const v1::RefineIteration& i, size_t done) {
             const double limit = settings.time_limit();
             if (limit > 0) progress.end_within(limit - i.seconds());
-            progress.update(done, in_short(i));
+            progress.update(done, in_short(i, settings));
           }};
   const Refinement refinement = refine(settings, observations, renderer, refine_run);
   std::vector<v1::RefineResult> results;

@@ -313,6 +313,7 @@ class ExperimentRunner {
   // What a row of the tables says of each image of the test.
   std::vector<Material> materials_for(const std::string& name);
   std::vector<std::string> baselines();
+  bool is_refined(const std::string& network) const;
   void render_pictures(const v1::ExperimentNetwork& network);
 
   const v1::Experiment& experiment_;
@@ -571,6 +572,12 @@ Stage ExperimentRunner::refinement_stage(const std::string& candidate,
           true};
 }
 
+bool ExperimentRunner::is_refined(const std::string& network) const {
+  const auto& networks = experiment_.refinement().networks();
+  return experiment_.has_refinement() &&
+         (networks.empty() || std::ranges::find(networks, network) != networks.end());
+}
+
 // Who has not looked at the images, and the truth itself.
 std::vector<std::string> ExperimentRunner::baselines() {
   std::vector<std::string> names = {kConstant};
@@ -605,7 +612,7 @@ std::vector<Stage> ExperimentRunner::stages() {
     stages.push_back(network_stage(network));
     stages.push_back(prediction_stage(network));
     stages.push_back(image_stage(network.name(), {"predict " + network.name()}));
-    if (experiment_.has_refinement()) {
+    if (is_refined(network.name())) {
       stages.push_back(refinement_stage(network.name(), {"predict " + network.name()}));
     }
   }

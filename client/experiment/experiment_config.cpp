@@ -124,7 +124,13 @@ void validate_networks(const v1::Experiment& experiment) {
   }
 }
 
-void validate_refinement(const v1::AnalysisBySynthesis& refinement) {
+void validate_refinement(const v1::Experiment& experiment) {
+  const v1::AnalysisBySynthesis& refinement = experiment.refinement();
+  for (const std::string& name : refinement.networks()) {
+    const auto& networks = experiment.networks();
+    require(std::ranges::find(networks, name, &v1::ExperimentNetwork::name) != networks.end(),
+            fmt::format("refinement.networks has \"{}\"; there is no network of this name", name));
+  }
   const auto require_rising = [](const char* name, const auto& iterations) {
     require(*iterations.begin() == 1 &&
                 std::ranges::adjacent_find(iterations, std::ranges::greater_equal()) ==
@@ -149,7 +155,7 @@ void validate_experiment(const v1::Experiment& experiment) {
   require(experiment.rate_factor() > 0 && experiment.rate_factor() <= 1,
           fmt::format("rate_factor is {}; it must be in (0, 1]", experiment.rate_factor()));
   validate_networks(experiment);
-  if (experiment.has_refinement()) validate_refinement(experiment.refinement());
+  if (experiment.has_refinement()) validate_refinement(experiment);
   try {
     check_shape_name(experiment.rerendering().novel_shape());
   } catch (const Error& error) {

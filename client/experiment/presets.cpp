@@ -268,12 +268,22 @@ training {
 shared_steps: 1200
 steps: 1200
 rerendering { images: 100 spp: 64 shown: 6 }
-refinement { images: 40 spp: 16 max_spp: 512 }
 other_noise { target { target: 0.07 } }
 dataset {
   resolution: 64
   noise { target: 0.14 }
 )";
+
+// Refinements of the same images, from the networks that the paper has.
+constexpr std::string_view kFiveStarts =
+    R"(refinement {
+  images: 40
+  spp: 16
+  max_spp: 64
+  networks: ["RN+naive", "RN+similar", "ITN+naive", "ITN+similar", "ITN+similar+map"]
+}
+)";
+constexpr std::string_view kAllStarts = "refinement { images: 40 spp: 16 max_spp: 64 }\n";
 
 // A part of `dataset`.
 constexpr std::string_view kRoughSurface =
@@ -347,12 +357,12 @@ std::span<const ExperimentPreset> experiment_presets() {
       joined({kPaperExperiment, kPaperProtocol}),
       few_shapes_experiment(),
       joined({"# The preset paper with images of 64 x 64 pixels,\n", kSmallPaperExperiment,
-              kPaperProtocol}) +
+              kPaperProtocol, kFiveStarts}) +
           another_seed() + few_labels(),
-      fmt::format("{}{}{}{}{}",
+      fmt::format("{}{}{}{}{}{}",
                   "# The preset paper_64 of objects with a rough surface, whose gloss the networks "
                   "see and the\n# renderer in the loss knows: images of 64 x 64 pixels,\n",
-                  kSmallPaperExperiment, kRoughSurface, kPaperProtocol, rn_and_itn())};
+                  kSmallPaperExperiment, kRoughSurface, kPaperProtocol, kAllStarts, rn_and_itn())};
   static const std::array<ExperimentPreset, 7> kPresets = {{
       {"smoke", "whether everything works, in less than a minute", kFiles[0]},
       {"small", "results that mean something, in less than an hour on two cores", kFiles[1]},

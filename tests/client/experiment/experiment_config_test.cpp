@@ -55,6 +55,8 @@ TEST(ExperimentFile, WhatIsOutOfRangeIsNamed) {
                       "first_order_step: 0.1 } } }"),
                  {"B: ", "first_order_step", "derivatives: true"});
   expect_refused(file("training_preset: \"best\""), {"\"best\"", "paper"});
+  expect_refused(file("refinement { networks: [\"A\", \"C\"] }"),
+                 {"refinement.networks has \"C\""});
   expect_refused(file("rerendering { novel_shape: \"teapot\" }"), {"novel_shape", "teapot"});
   expect_refused(file("refinement { iterations: [1, 5, 5] }"), {"refinement.iterations", "rise"});
 }
