@@ -22,16 +22,21 @@ void add_experiment_command(CLI::App& app) {
     presets +=
         fmt::format("{}{} ({})", presets.empty() ? "" : ", ", preset.name, preset.description);
   }
-  command->add_option("--preset", options->preset, "Instead: " + presets)->excludes(file);
+  CLI::Option* preset =
+      command->add_option("--preset", options->preset, "Instead: " + presets)->excludes(file);
   command->add_option("-o,--output", options->folder,
                       "Folder of the experiment; required to run it");
   command->add_flag("--print-config", options->print_config, "Print the preset's file, and end");
-  command->add_flag(
+  CLI::Option* status = command->add_flag(
       "--status,--dry-run", options->status,
       "Print the stages, with -o what is done of them there and how many hours are left, and end");
-  command->add_flag(
-      "--tables", options->tables,
-      "Print and write the tables of the results that are in -o, render nothing, and end");
+  command
+      ->add_flag(
+          "--tables", options->tables,
+          "Print and write the tables of the results that are in -o, render nothing, and end")
+      ->excludes(file)
+      ->excludes(preset)
+      ->excludes(status);
   command
       ->add_option("--network-threads,--torch-threads", options->torch_threads,
                    "Threads of the networks; 0: one per processor")

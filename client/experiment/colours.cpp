@@ -51,6 +51,7 @@ void render_colours(DatasetReader& colours, std::span<const Material> materials,
   fs::create_directories(folder / name);
   const size_t pictures = materials.size() / kColours;
   for (size_t k = 0; k < pictures; ++k) {
+    if (fs::exists(colours_file(folder, name, k))) continue;
     Image image;
     image.width = image.height = colours.resolution();
     for (size_t colour = 0; colour < kColours; ++colour) {

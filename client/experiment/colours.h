@@ -5,7 +5,6 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
-#include <functional>
 #include <span>
 #include <stop_token>
 #include <string>
@@ -30,8 +29,8 @@ DatasetPlan colour_plan(DatasetPlan test, std::span<const uint32_t> chosen);
 // What networks are shown: the images of picture number `k` of a dataset of such a plan.
 ColourPicture input_colours(const DatasetReader& colours, size_t k);
 
-// Renders these materials, one for each item of the dataset, and writes the pictures into
-// `folder`/`name`.
+// Renders these materials, one for each item of the dataset, and writes the pictures that are not
+// there into `folder`/`name`.
 void render_colours(DatasetReader& colours, std::span<const Material> materials, uint32_t spp,
                     const std::filesystem::path& folder, const std::string& name, RenderPool& pool,
                     std::stop_token stop);

@@ -41,6 +41,7 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr const char* kExperimentName = "experiment.textproto";
+constexpr const char* kTestName = "test.textproto";
 constexpr const char* kRateName = "learning_rate.textproto";
 // To learn what a step costs.
 constexpr uint64_t kTrialSteps = 20;
@@ -163,8 +164,8 @@ DatasetPlan other_noise_plan(const v1::Experiment& experiment) {
 // says.
 void require_length(const fs::path& file, const std::string& list, int length, size_t expected) {
   if (static_cast<size_t>(length) == expected) return;
-  throw invalid_input(fmt::format("{}: {} has {} entries; by experiment.textproto there are {}",
-                                  file.string(), list, length, expected));
+  throw invalid_input(fmt::format("{}: {} has {} entries; there should be {}", file.string(), list,
+                                  length, expected));
 }
 
 void require_length(const fs::path& file, const std::string& list,
@@ -172,6 +173,14 @@ void require_length(const fs::path& file, const std::string& list,
   require_length(file, list + ".sigma_t", estimates.sigma_t_size(), expected);
   require_length(file, list + ".albedo", estimates.albedo_size(), expected);
   require_length(file, list + ".g", estimates.g_size(), expected);
+  // All have intervals, or none has.
+  const size_t intervals = estimates.sigma_t_low_size() == 0 ? 0 : expected;
+  require_length(file, list + ".sigma_t_low", estimates.sigma_t_low_size(), intervals);
+  require_length(file, list + ".sigma_t_high", estimates.sigma_t_high_size(), intervals);
+  require_length(file, list + ".albedo_low", estimates.albedo_low_size(), intervals);
+  require_length(file, list + ".albedo_high", estimates.albedo_high_size(), intervals);
+  require_length(file, list + ".g_low", estimates.g_low_size(), intervals);
+  require_length(file, list + ".g_high", estimates.g_high_size(), intervals);
 }
 
 std::vector<Material> materials_of(const v1::ExperimentPredictions::Estimates& estimates) {
@@ -223,6 +232,8 @@ class ExperimentRunner {
  private:
   Stage dataset_stage(const std::string& name, const fs::path& folder,
                       std::function<DatasetPlan()> plan);
+  Stage test_stage();
+  TestSet read_test_set() const;
   Stage rate_stage();
   Stage shared_stage(const SharedStart& start);
   Stage network_stage(const v1::ExperimentNetwork& network);
@@ -278,13 +289,10 @@ class ExperimentRunner {
     if (!test_) test_ = images_of(dataset(), v1::SPLIT_TEST);
     return *test_;
   }
-  // What the images of the test are of, without the images themselves.
-  const LabelledImages& planned_test() {
-    if (!planned_test_) {
-      test_plan_ = plan_of(experiment_.dataset(), true);
-      planned_test_ = labels_of(test_plan_.manifest, v1::SPLIT_TEST);
-    }
-    return *planned_test_;
+  // What the images of the test are of, as a stage wrote it.
+  const TestSet& test_set() {
+    if (!test_set_) test_set_ = read_test_set();
+    return *test_set_;
   }
   fs::path references_folder() const { return folder("references"); }
   ExperimentImages& images() {
@@ -322,8 +330,8 @@ class ExperimentRunner {
   std::map<std::string, SharedStart> start_of_;  // by the name of the network
   std::optional<RenderPool> pool_;
   std::optional<DatasetReader> dataset_, other_noise_, colours_;
-  DatasetPlan test_plan_;
-  std::optional<LabelledImages> test_, planned_test_;
+  std::optional<LabelledImages> test_;
+  std::optional<TestSet> test_set_;
   std::optional<ExperimentImages> images_;
 };
 
@@ -377,6 +385,53 @@ std::string ExperimentRunner::train(const std::string& stage, const fs::path& fo
                      },
                  .stop = run_.stop});
   return weights_sha256(read_checkpoint(folder / kBestCheckpointName).model());
+}
+
+Stage ExperimentRunner::test_stage() {
+  const fs::path path = folder(kTestName);
+  return {.name = "truth of the test",
+          .after = {"dataset"},
+          .output = path,
+          .work =
+              [=, this] {
+                v1::ExperimentTest proto;
+                std::map<std::string, uint32_t> numbers;
+                for (size_t i = 0; i < test().items.size(); ++i) {
+                  proto.add_sigma_t(test().truth[i].sigma_t);
+                  proto.add_albedo(test().truth[i].albedo);
+                  proto.add_g(test().truth[i].g);
+                  const std::string& shape = test().items[i]->shape();
+                  const auto [number, is_new] = numbers.try_emplace(shape, numbers.size());
+                  if (is_new) proto.add_shapes(shape);
+                  proto.add_shape(number->second);
+                }
+                return write_text(path, proto);
+              },
+          .workload = [] { return Workload{.unit = "truths", .pieces = 1}; },
+          .is_result = true};
+}
+
+TestSet ExperimentRunner::read_test_set() const {
+  const fs::path file = folder(kTestName);
+  const auto proto = read_text<v1::ExperimentTest>(file, "truth of the test");
+  const auto images = static_cast<size_t>(proto.sigma_t_size());
+  require_length(file, "albedo", proto.albedo_size(), images);
+  require_length(file, "g", proto.g_size(), images);
+  require_length(file, "shape", proto.shape_size(), images);
+  TestSet set;
+  for (int i = 0; i < proto.sigma_t_size(); ++i) {
+    set.truth.push_back({proto.sigma_t(i), proto.albedo(i), proto.g(i)});
+    const uint32_t shape = proto.shape(i);
+    if (shape >= static_cast<uint32_t>(proto.shapes_size())) {
+      throw invalid_input(fmt::format("{}: shape has {}; there are {} shapes", file.string(), shape,
+                                      proto.shapes_size()));
+    }
+    set.shapes.push_back(proto.shapes(static_cast<int>(shape)));
+  }
+  set.other_noise = images_of_other_noise(experiment_, images);
+  set.rerendered = spread(experiment_.rerendering().images(), images);
+  if (experiment_.has_refinement()) set.refined = refined_images(experiment_.refinement(), images);
+  return set;
 }
 
 // Short runs of the first network; that of the least validation error has the rate of all.
@@ -501,9 +556,13 @@ Stage ExperimentRunner::prediction_stage(const v1::ExperimentNetwork& network) {
           path,
           [=, this, &network] {
             run_.progress(name, "", 0, 0, "");
+            const v1::ExperimentPredictions predictions = predict_test(
+                network_folder(network), dataset(), other_noise(), colours(), run_.stop);
+            // What was made of other answers.
+            fs::remove(errors_path(network.name()));
+            fs::remove(refinements_path(network.name()));
             fs::remove_all(folder("images") / file_name_of(network.name()));
-            return write_text(path, predict_test(network_folder(network), dataset(), other_noise(),
-                                                 colours(), run_.stop));
+            return write_text(path, predictions);
           },
           [] { return Workload{.unit = "predictions", .pieces = 1}; },
           true};
@@ -563,8 +622,9 @@ Stage ExperimentRunner::refinement_stage(const std::string& candidate,
           [=, this] {
             Workload workload{.unit = "refinements",
                               .pieces = static_cast<double>(experiment_.refinement().images())};
-            const FilesMade images = files_made(refinement_files(
-                experiment_.refinement(), planned_test().items.size(), images_folder));
+            if (!fs::exists(folder(kTestName))) return workload;
+            const FilesMade images = files_made(
+                refinement_files(experiment_.refinement(), test_set().truth.size(), images_folder));
             workload.done = static_cast<double>(images.count);
             workload.seconds = images.seconds;
             return workload;
@@ -600,6 +660,7 @@ std::vector<Stage> ExperimentRunner::stages() {
     const auto count = static_cast<size_t>(test.manifest.items_size());
     return colour_plan(std::move(test), spread(experiment_.rerendering().shown(), count));
   }));
+  stages.push_back(test_stage());
   stages.push_back(rate_stage());
   stages.push_back(reference_stage());
   for (const std::string& name : baselines()) stages.push_back(image_stage(name, {}));
@@ -622,18 +683,21 @@ std::vector<Stage> ExperimentRunner::stages() {
 v1::ExperimentPredictions ExperimentRunner::predictions_of(const std::string& name) {
   const fs::path file = predictions_path(name);
   auto predictions = read_text<v1::ExperimentPredictions>(file, "answers");
-  const size_t images = planned_test().truth.size();
-  require_length(file, "as_trained", predictions.as_trained(), images);
-  require_length(file, "other_noise", predictions.other_noise(),
-                 images_of_other_noise(experiment_, images).size());
+  require_length(file, "as_trained", predictions.as_trained(), test_set().truth.size());
+  require_length(file, "other_noise", predictions.other_noise(), test_set().other_noise.size());
+  require_length(
+      file, "colours", predictions.colours(),
+      kColours * spread(experiment_.rerendering().shown(), test_set().truth.size()).size());
   return predictions;
 }
 
 std::vector<Material> ExperimentRunner::materials_for(const std::string& name) {
-  if (name == kTruth) return planned_test().truth;
-  if (name == kConstant) return constant_predictions(planned_test());
+  LabelledImages labels;
+  labels.truth = test_set().truth;
+  if (name == kTruth) return labels.truth;
+  if (name == kConstant) return constant_predictions(labels);
   if (name == kSimilarity) {
-    return similarity_predictions(planned_test(), experiment_.dataset().materials()).value();
+    return similarity_predictions(labels, experiment_.dataset().materials()).value();
   }
   return materials_of(predictions_of(name).as_trained());
 }
@@ -657,7 +721,7 @@ Candidate ExperimentRunner::candidate(const std::string& name, Candidate::Kind k
                       .novel_scene = {},
                       .refinements = {}};
   if (kind != Candidate::Kind::kNetwork) {
-    for (const uint32_t i : images_of_other_noise(experiment_, candidate.as_trained.size())) {
+    for (const uint32_t i : test_set().other_noise) {
       candidate.other_noise.push_back(candidate.as_trained[i]);
     }
   } else {
@@ -666,10 +730,8 @@ Candidate ExperimentRunner::candidate(const std::string& name, Candidate::Kind k
   if (fs::exists(errors_path(name))) {
     const fs::path file = errors_path(name);
     const auto errors = read_text<v1::ExperimentImageErrors>(file, "image errors");
-    const size_t images =
-        spread(experiment_.rerendering().images(), candidate.as_trained.size()).size();
-    require_length(file, "same_scene", errors.same_scene_size(), images);
-    require_length(file, "novel_scene", errors.novel_scene_size(), images);
+    require_length(file, "same_scene", errors.same_scene_size(), test_set().rerendered.size());
+    require_length(file, "novel_scene", errors.novel_scene_size(), test_set().rerendered.size());
     candidate.same_scene = image_errors_of(errors.same_scene());
     candidate.novel_scene = image_errors_of(errors.novel_scene());
   }
@@ -677,8 +739,7 @@ Candidate ExperimentRunner::candidate(const std::string& name, Candidate::Kind k
     const fs::path file = refinements_path(name);
     const auto refinements = read_text<v1::ExperimentRefinements>(file, "refinements");
     const v1::AnalysisBySynthesis& settings = experiment_.refinement();
-    require_length(file, "images", refinements.images_size(),
-                   refined_images(settings, candidate.as_trained.size()).size());
+    require_length(file, "images", refinements.images_size(), test_set().refined.size());
     for (const v1::ExperimentRefinement& image : refinements.images()) {
       require_length(file, "adam", image.adam_size(),
                      static_cast<size_t>(settings.iterations_size()));
@@ -691,18 +752,7 @@ Candidate ExperimentRunner::candidate(const std::string& name, Candidate::Kind k
 }
 
 Answers ExperimentRunner::answers() {
-  const LabelledImages& test = planned_test();
-  Answers answers{
-      .test = {.truth = test.truth,
-               .shapes = {},
-               .other_noise = images_of_other_noise(experiment_, test.truth.size()),
-               .rerendered = spread(experiment_.rerendering().images(), test.truth.size()),
-               .refined = {}},
-      .candidates = {}};
-  if (experiment_.has_refinement()) {
-    answers.test.refined = refined_images(experiment_.refinement(), test.truth.size());
-  }
-  for (const v1::DatasetItem* item : test.items) answers.test.shapes.push_back(item->shape());
+  Answers answers{.test = test_set(), .candidates = {}};
   for (const std::string& name : baselines()) {
     answers.candidates.push_back(
         candidate(name, name == kTruth ? Candidate::Kind::kTruth : Candidate::Kind::kBaseline));
@@ -738,7 +788,6 @@ void ExperimentRunner::render_pictures(const v1::ExperimentNetwork& network) {
   const std::string file = file_name_of(network.name());
   const v1::ExperimentPredictions predictions = predictions_of(network.name());
   images().render_pictures(file, materials_of(predictions.as_trained()), pool(), run_.stop);
-  if (fs::exists(colours_file(folder("images"), file, 0))) return;
   render_colours(colours(), materials_of(predictions.colours()), experiment_.rerendering().spp(),
                  folder("images"), file, pool(), run_.stop);
 }

@@ -27,6 +27,8 @@ namespace {
 // Branches of an item's seed, beside those of its image (dataset_render.cpp).
 constexpr uint64_t kReferenceBranch = 11, kComparedBranch = 12;
 
+const ImageProgress kNobody = [](size_t, size_t) {};  // is told
+
 // Renders jobs, enough of them under way that no worker is idle; in order.
 void render_all(size_t count, const std::function<RenderJob(size_t)>& job, RenderPool& pool,
                 const std::stop_token& stop,
@@ -142,6 +144,7 @@ void ExperimentImages::render_references(std::span<const size_t> images, RenderP
 v1::ExperimentImageErrors ExperimentImages::compare(const std::vector<Material>& materials,
                                                     RenderPool& pool, const ImageProgress& progress,
                                                     std::stop_token stop) {
+  render_references(pool, kNobody, stop);  // those that are gone
   v1::ExperimentImageErrors result;
   const size_t count = chosen_.size(), total = 2 * count;
   const auto place = [&](size_t i) { return std::pair(kExperimentScenes[i / count], i % count); };
@@ -169,19 +172,26 @@ v1::ExperimentImageErrors ExperimentImages::compare(const std::vector<Material>&
 void ExperimentImages::render_pictures(const std::string& name,
                                        const std::vector<Material>& materials, RenderPool& pool,
                                        std::stop_token stop) {
-  render_references(
-      shown_, pool, [](size_t, size_t) {}, stop);
+  render_references(shown_, pool, kNobody, stop);
   fs::create_directories(pictures_ / name);
+  std::vector<std::pair<ExperimentScene, size_t>> missing;
   for (const ExperimentScene scene : kExperimentScenes) {
     for (const size_t k : shown_) {
-      const fs::path file = picture_file(name, scene, k);
-      if (fs::exists(file)) continue;
-      std::future<v1::RenderGradReply> render =
-          pool.submit(job(scene, k, materials[chosen_[k]], settings_.spp(), kComparedBranch));
-      write_image(file, resolution(),
-                  from_bytes<float>(wait_for_render(render, stop).estimates(0).radiance()));
+      if (!fs::exists(picture_file(name, scene, k))) missing.emplace_back(scene, k);
     }
   }
+  render_all(
+      missing.size(),
+      [&](size_t i) {
+        const auto [scene, k] = missing[i];
+        return job(scene, k, materials[chosen_[k]], settings_.spp(), kComparedBranch);
+      },
+      pool, stop,
+      [&](size_t i, const v1::RenderGradReply& reply) {
+        const auto [scene, k] = missing[i];
+        write_image(picture_file(name, scene, k), resolution(),
+                    from_bytes<float>(reply.estimates(0).radiance()));
+      });
 }
 
 std::vector<float> ExperimentImages::reference(ExperimentScene scene, size_t k) const {

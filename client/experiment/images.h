@@ -49,12 +49,13 @@ class ExperimentImages {
   void render_references(RenderPool& pool, const ImageProgress& progress, std::stop_token stop);
 
   // Renders a material for each image of the test that is chosen, and compares them with the
-  // references. The random numbers are the same whatever the materials.
+  // references, which it renders where they are gone. The random numbers are the same whatever the
+  // materials.
   v1::ExperimentImageErrors compare(const std::vector<Material>& materials, RenderPool& pool,
                                     const ImageProgress& progress, std::stop_token stop);
 
-  // Renders the same images where they are shown and not there, into the folder `name` of pictures,
-  // and their references.
+  // Renders the pictures that are not there, of each shown image in both scenes, into the folder
+  // `name` of pictures, and their references. They are the images that compare() sees.
   void render_pictures(const std::string& name, const std::vector<Material>& materials,
                        RenderPool& pool, std::stop_token stop);
 

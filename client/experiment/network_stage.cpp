@@ -88,13 +88,20 @@ v1::ExperimentPredictions::Estimates estimates_of(Predictor& predictor, DatasetR
 
 v1::NetworkCost train_network(v1::TrainingConfig config, DatasetReader& dataset,
                               const NetworkRun& run) {
-  const FolderLock lock(run.folder, "itn experiment");
-  const std::optional<v1::Checkpoint> existing = find_checkpoint(run.folder);
   const std::optional<v1::Model> init =
       run.init ? std::optional(read_checkpoint(*run.init / kBestCheckpointName).model())
                : std::nullopt;
   config.set_dataset_sha256(to_hex(sha256(to_text(dataset.manifest()))));
   config.set_init_sha256(init ? weights_sha256(*init) : "");
+  const FolderLock lock(run.folder, "itn experiment");
+  std::optional<v1::Checkpoint> existing = find_checkpoint(run.folder);
+  if (existing && existing->training().config().init_sha256() != config.init_sha256()) {
+    // It went on from other weights, which are gone.
+    for (const char* file : {kCheckpointName, kBestCheckpointName, kMetricsName, kCostName}) {
+      fs::remove(run.folder / file);
+    }
+    existing.reset();
+  }
   // The last bits depend on it: a run keeps the number that it began with.
   config.set_torch_threads(existing ? existing->training().config().torch_threads()
                                     : run.torch_threads);

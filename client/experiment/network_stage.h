@@ -38,7 +38,7 @@ Workload training_workload(const std::filesystem::path& folder, const std::strin
 
 // The cost of a network that has been trained.
 v1::NetworkCost read_cost(const std::filesystem::path& folder);
-// Likewise; none where nobody knows any more.
+// Likewise; none if the file is gone.
 std::optional<v1::NetworkCost> find_cost(const std::filesystem::path& folder);
 
 // The mean of the best validation errors of a run (score()).

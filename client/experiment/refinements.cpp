@@ -30,8 +30,8 @@ v1::ExperimentRefinement read_refinement(const fs::path& file) {
   return refinement;
 }
 
-// Whether the file is there and tells of a refinement that began there.
-bool is_refined(const fs::path& file, const Material& start) {
+// Whether the file is there and tells of a refinement from this start.
+bool is_done_from(const fs::path& file, const Material& start) {
   return fs::exists(file) && from_proto(read_refinement(file).start()) == start;
 }
 
@@ -89,7 +89,7 @@ v1::ExperimentRefinements refine_images(const v1::AnalysisBySynthesis& settings,
   progress(done, images.size());
   in_parallel(images.size(), stop, [&](size_t k) {
     const uint32_t i = images[k];
-    if (const fs::path file = file_of(folder, i); !is_refined(file, starts[i])) {
+    if (const fs::path file = file_of(folder, i); !is_done_from(file, starts[i])) {
       Observation observation;
       {
         const std::lock_guard lock(mutex);  // of the dataset

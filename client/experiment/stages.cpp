@@ -7,6 +7,8 @@
 #include <optional>
 #include <set>
 
+#include <fmt/format.h>
+
 #include "client/experiment/experiment_config.h"
 #include "client/scene/text_proto.h"
 #include "common/error.h"
@@ -65,9 +67,11 @@ std::vector<StagePlan> plan_stages(std::span<const Stage> stages, const fs::path
   std::set<std::string> taken;  // by stages that are wanted
   for (size_t i = stages.size(); i-- > 0;) {
     const Stage& stage = stages[i];
-    const bool is_missed =
-        !fs::exists(stage.output) && (stage.is_result || taken.contains(stage.name));
-    plans[i].is_wanted = !plans[i].record || is_missed;
+    if (!plans[i].record) {
+      plans[i].is_wanted = true;
+    } else if (plans[i].record->being_made() || !fs::exists(stage.output)) {
+      plans[i].is_wanted = stage.is_result || taken.contains(stage.name);
+    }
     if (plans[i].is_wanted) taken.insert(stage.after.begin(), stage.after.end());
   }
   return plans;
@@ -79,20 +83,24 @@ void run_stages(std::span<const Stage> stages, const fs::path& folder, const std
                 const std::function<double()>& cpu_seconds, const StageReport& report,
                 const std::stop_token& stop) {
   fs::create_directories(folder / "stages");
-  for (size_t told = 0;;) {
+  for (size_t reported = 0;;) {
     // Anew after each stage: what it made may be other than what was there.
     const std::vector<StagePlan> plans = plan_stages(stages, folder, inputs);
     const auto wanted = std::ranges::find(plans, true, &StagePlan::is_wanted);
     const auto number = static_cast<size_t>(wanted - plans.begin());
-    for (; told < number; ++told) {
-      report(told, stages[told], StageState::kDone, *plans[told].record);
+    for (; reported < number; ++reported) {
+      report(reported, stages[reported], StageState::kDone, *plans[reported].record);
     }
     if (wanted == plans.end()) return;
-    told = std::max(told, number + 1);
+    reported = std::max(reported, number + 1);
     if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
     const Stage& stage = stages[number];
     report(number, stage, StageState::kBegins, {});
-    fs::remove(record_path(folder, stage));  // a part of its output is not its output
+    if (wanted->record) {
+      v1::StageRecord begun = *wanted->record;
+      begun.set_being_made(true);
+      write_file_atomically(record_path(folder, stage), to_text_proto(begun));
+    }
     const auto start = std::chrono::steady_clock::now();
     const double cpu = cpu_seconds();
     v1::StageRecord record;
@@ -102,6 +110,10 @@ void run_stages(std::span<const Stage> stages, const fs::path& folder, const std
     record.set_seconds(
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
     record.set_cpu_seconds(cpu_seconds() - cpu);
+    if (!fs::exists(stage.output)) {
+      throw Error(ErrorKind::kInternal,
+                  fmt::format("{} has not made {}", stage.name, stage.output.string()));
+    }
     write_file_atomically(record_path(folder, stage), to_text_proto(record));
     report(number, stage, StageState::kEnds, record);
   }

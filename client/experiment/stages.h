@@ -50,8 +50,7 @@ void run_stages(std::span<const Stage> stages, const std::filesystem::path& fold
 
 struct StageStatus {
   std::string name;
-  bool is_done =
-      false;  // run_stages() would leave it; not if one that it comes after is to be made
+  bool is_done = false;  // run_stages() would leave it, as far as is known
   Workload workload;
   std::optional<double> seconds_left;  // absent: no piece of its unit has been done yet
 };

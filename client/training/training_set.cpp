@@ -40,22 +40,16 @@ void fit_coordinates(std::span<const Material> truth, v1::Model& model) {
 
 }  // namespace
 
-LabelledImages labels_of(const v1::Dataset& manifest, v1::Split split) {
-  LabelledImages labels;
-  labels.resolution = static_cast<int>(manifest.config().resolution());
-  for (const v1::DatasetItem& item : manifest.items()) {
-    if (item.split() != split) continue;
-    labels.items.push_back(&item);
-    labels.truth.push_back(from_proto(item.material()));
-  }
-  if (labels.items.empty()) {
+LabelledImages images_of(DatasetReader& dataset, v1::Split split) {
+  LabelledImages images;
+  images.resolution = dataset.resolution();
+  images.items = dataset.items(split);
+  if (images.items.empty()) {
     throw invalid_input("the dataset has no image in the split " + v1::Split_Name(split));
   }
-  return labels;
-}
-
-LabelledImages images_of(DatasetReader& dataset, v1::Split split) {
-  LabelledImages images = labels_of(dataset.manifest(), split);
+  for (const v1::DatasetItem* item : images.items) {
+    images.truth.push_back(from_proto(item->material()));
+  }
   images.read = [&dataset, items = images.items](size_t i) { return dataset.image(*items.at(i)); };
   images.derivatives = [&dataset, items = images.items](size_t i) {
     return dataset.derivatives(*items.at(i));

@@ -26,10 +26,6 @@ struct LabelledImages {
   std::function<std::shared_ptr<const SerializedScene>(size_t)> scene;
 };
 
-// The items of a split and their truth, without images to read; the manifest must outlive them.
-// Throws Error (invalid input) if there are none.
-LabelledImages labels_of(const v1::Dataset& manifest, v1::Split split);
-
 // All images of a split; the dataset must outlive them. Throws Error (invalid input) if there are
 // none.
 LabelledImages images_of(DatasetReader& dataset, v1::Split split);

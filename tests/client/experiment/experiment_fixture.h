@@ -52,7 +52,7 @@ class SmallExperiment : public ::testing::Test {
 
   static ExperimentImages images(const std::string& folder) {
     return ExperimentImages(experiment_.rerendering(), *dataset_, test_, files_->path(folder),
-                            files_->path(folder));
+                            files_->path(folder + "_pictures"));
   }
   // For each image of the test: much darker than it, or much brighter.
   static std::vector<Material> wrong_materials() {

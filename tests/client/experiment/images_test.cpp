@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "client/image/ms_ssim.h"
 #include "client/scene/text_proto.h"
 #include "client/training/evaluation.h"
 #include "tests/client/experiment/experiment_fixture.h"
@@ -63,6 +64,9 @@ TEST_F(ExperimentImagesTest, PicturesComeWithTheirReferences) {
   EXPECT_EQ(picture.size(), 256U);
   EXPECT_EQ(study.reference(ExperimentScene::kNovel, k).size(), 256U);
   EXPECT_NE(study.picture("wrong", ExperimentScene::kSame, k), picture);
+  const v1::ExperimentImageErrors compared = study.compare(wrong_materials(), *pool_, nobody, {});
+  EXPECT_EQ(compared.novel_scene(static_cast<int>(k)).dissimilarity(),
+            1 - ms_ssim(study.resolution(), study.reference(ExperimentScene::kNovel, k), picture));
   study.render_pictures("wrong", test_.truth, *pool_, {});
   EXPECT_EQ(study.picture("wrong", ExperimentScene::kNovel, k), picture);
 }

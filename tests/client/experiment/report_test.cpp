@@ -32,7 +32,7 @@ class ReportTest : public SmallExperiment {
       const std::string file = file_name_of(network.name());
       images_->render_pictures(file, materials_of(network.name()), *pool_, {});
       render_colours(*colours_, std::vector<Material>(6, Material{80, 0.6, 0.3}), 4,
-                     files_->path("images"), file, *pool_, {});
+                     files_->path("images_pictures"), file, *pool_, {});
     }
   }
   static void TearDownTestSuite() {
@@ -90,7 +90,7 @@ class ReportTest : public SmallExperiment {
                                                      .networks = networks_,
                                                      .images = *images_,
                                                      .colours = *colours_,
-                                                     .pictures = files_->path("images"),
+                                                     .pictures = files_->path("images_pictures"),
                                                      .rate = rate_,
                                                      .stages = stages_},
                                                     folder_.path());

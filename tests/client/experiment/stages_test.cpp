@@ -105,6 +105,33 @@ TEST_F(Stages, AStageThatMakesSomethingElseWakesThoseAfterIt) {
   EXPECT_THAT(run(), ElementsAre("second", "aside", "third"));
 }
 
+// What is made once more is what it was, as far as is known: the third is not woken by a stop.
+TEST_F(Stages, AStopWhileSomethingIsMadeOnceMoreWakesNothingElse) {
+  more_ = {stage("aside", {}), stage("third", {"first", "aside"})};
+  run();
+  for (const char* name : {"first", "second", "aside"}) fs::remove(folder_.path(name));
+  breaks_ = "first";
+  EXPECT_THROW(run(), Error);
+  breaks_.clear();
+  EXPECT_THAT(run(), ElementsAre("first", "second"));
+}
+
+TEST_F(Stages, AStageMustMakeItsOutput) {
+  Stage idle = stage("idle", {});
+  idle.work = [] { return "nothing"; };
+  more_ = {idle};
+  expect_error(ErrorKind::kInternal, {"idle has not made"}, [&] { run(); });
+}
+
+// A gone result takes a gone stage, and that one another.
+TEST_F(Stages, AreMadeAgainInChains) {
+  more_ = {stage("third", {"second"})};
+  more_.back().is_result = true;
+  run();
+  for (const char* name : {"first", "second", "third"}) fs::remove(folder_.path(name));
+  EXPECT_THAT(run(), ElementsAre("first", "second", "third"));
+}
+
 TEST_F(Stages, APartOfAnOutputIsNotTakenForIt) {
   run();
   fs::remove(folder_.path("first"));
