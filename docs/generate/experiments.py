@@ -42,13 +42,21 @@ def cell(row, column):
     return number(row[column]) + (f" ({number(interval[0])}-{number(interval[1])})" if all(interval) else "")
 
 
+def chosen(kind, names, known, file):
+    for name in names:
+        if name not in known:
+            sys.exit(f"{PAGE.relative_to(ROOT)}: {file} has no {kind} {name}; it has {'; '.join(known)}")
+    return names
+
+
 def markdown(match, tables):
-    rows = list(csv.DictReader(tables[match[1]].splitlines()))
-    columns = match[2].split("; ")
-    names = match[3].split("; ") if match[3] else [row["name"] for row in rows]
-    by_name = {row["name"]: row for row in rows}
+    [file] = chosen("table", [match[1]], list(tables), "docs/experiments")
+    reader = csv.DictReader(tables[file].splitlines())
+    rows = {row["name"]: row for row in reader}
+    columns = chosen("column", match[2].split("; "), reader.fieldnames, file)
+    names = chosen("row", match[3].split("; "), list(rows), file) if match[3] else list(rows)
     lines = [["", *columns], ["---"] * (1 + len(columns))]
-    lines += [[name, *(cell(by_name[name], column) for column in columns)] for name in names if name in by_name]
+    lines += [[name, *(cell(rows[name], column) for column in columns)] for name in names]
     return match[0][:match.start(4) - match.start()] + "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
@@ -60,13 +68,16 @@ def main():
     page = TABLE.sub(lambda match: markdown(match, tables), PAGE.read_text())
     files = {RESULTS / name: text for name, text in tables.items()} | {PAGE: page}
     faults = [file for file, text in files.items() if not file.exists() or file.read_text() != text]
+    faults += [file for file in RESULTS.glob("*/*.csv") if file not in files]  # of no table any more
     if sys.argv[1:] == ["--check"]:
         for file in faults:
             print(f"FAILED: {file.relative_to(ROOT)} is not what docs/generate/experiments.py makes")
         print(f"{len(tables)} tables, {len(TABLE.findall(page))} of them in the page")
         return 1 if faults or not tables else 0
+    if sys.argv[1:]:
+        sys.exit(__doc__)
     for file in faults:
-        file.write_text(files[file])
+        file.write_text(files[file]) if file in files else file.unlink()
     return 0
 
 
