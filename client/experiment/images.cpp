@@ -143,7 +143,7 @@ void ExperimentImages::render_references(std::span<const size_t> images, RenderP
 
 v1::ExperimentImageErrors ExperimentImages::compare(const std::vector<Material>& materials,
                                                     RenderPool& pool, const ImageProgress& progress,
-                                                    std::stop_token stop) {
+                                                    const std::stop_token& stop) {
   render_references(pool, kNobody, stop);  // those that are gone
   v1::ExperimentImageErrors result;
   const size_t count = chosen_.size(), total = 2 * count;
@@ -171,7 +171,7 @@ v1::ExperimentImageErrors ExperimentImages::compare(const std::vector<Material>&
 
 void ExperimentImages::render_pictures(const std::string& name,
                                        const std::vector<Material>& materials, RenderPool& pool,
-                                       std::stop_token stop) {
+                                       const std::stop_token& stop) {
   render_references(shown_, pool, kNobody, stop);
   fs::create_directories(pictures_ / name);
   std::vector<std::pair<ExperimentScene, size_t>> missing;

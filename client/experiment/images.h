@@ -52,12 +52,12 @@ class ExperimentImages {
   // references, which it renders where they are gone. The random numbers are the same whatever the
   // materials.
   v1::ExperimentImageErrors compare(const std::vector<Material>& materials, RenderPool& pool,
-                                    const ImageProgress& progress, std::stop_token stop);
+                                    const ImageProgress& progress, const std::stop_token& stop);
 
   // Renders the pictures that are not there, of each shown image in both scenes, into the folder
   // `name` of pictures, and their references. They are the images that compare() sees.
   void render_pictures(const std::string& name, const std::vector<Material>& materials,
-                       RenderPool& pool, std::stop_token stop);
+                       RenderPool& pool, const std::stop_token& stop);
 
   // The reference render of the chosen image number `k`. Throws Error (kIo) if it has not been
   // rendered.
