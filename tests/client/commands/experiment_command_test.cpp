@@ -153,7 +153,10 @@ TEST(ExperimentCommand, KilledAndContinuedGivesTheSameTables) {
   EXPECT_THAT(run({testing::kItn, "experiment", "--tables", "-o", results}).output,
               Not(HasSubstr("ITN+naive")));
   const Finished again_asked = run(smoke(results));
-  EXPECT_THAT(again_asked.output, StartsWith(tables.output));
+  // Table 3 has times of refinements, which were made again.
+  const std::string but_for_table_3 = tables.output.substr(0, tables.output.find("\nTable 3"));
+  EXPECT_GT(but_for_table_3.size(), 2000U);
+  EXPECT_THAT(again_asked.output, StartsWith(but_for_table_3));
   EXPECT_THAT(again_asked.errors,
               AllOf(HasSubstr("] dataset 60/60"), HasSubstr("train RN+naive: done before"),
                     HasSubstr("train ITN+naive 5/5"), HasSubstr("images of ITN+naive 6/6"),
@@ -166,7 +169,7 @@ TEST(ExperimentCommand, KilledAndContinuedGivesTheSameTables) {
   fs::create_directory(results + "/references");  // as a report of other images leaves it
   const Finished mended = run(smoke(results));
   EXPECT_EQ(mended.exit_code, 0) << mended.errors;
-  EXPECT_THAT(mended.output, StartsWith(tables.output));
+  EXPECT_THAT(mended.output, StartsWith(but_for_table_3));
   // Results that are not of the experiment are refused.
   const std::string answers = content(results + "/answers/itn_naive.textproto");
   std::ofstream(results + "/answers/itn_naive.textproto")
