@@ -322,7 +322,8 @@ class ExperimentRunner {
   std::vector<Material> materials_for(const std::string& name);
   std::vector<std::string> baselines();
   bool is_refined(const std::string& network) const;
-  void render_pictures(const v1::ExperimentNetwork& network);
+  void render_pictures(const v1::ExperimentNetwork& network,
+                       const v1::ExperimentPredictions& predictions);
 
   const v1::Experiment& experiment_;
   const ExperimentRun& run_;
@@ -715,17 +716,20 @@ Candidate::ImageErrors image_errors_of(
 Candidate ExperimentRunner::candidate(const std::string& name, Candidate::Kind kind) {
   Candidate candidate{.name = name,
                       .kind = kind,
-                      .as_trained = materials_for(name),
+                      .as_trained = {},
                       .other_noise = {},
                       .same_scene = {},
                       .novel_scene = {},
                       .refinements = {}};
-  if (kind != Candidate::Kind::kNetwork) {
+  if (kind == Candidate::Kind::kNetwork) {
+    const v1::ExperimentPredictions predictions = predictions_of(name);
+    candidate.as_trained = materials_of(predictions.as_trained());
+    candidate.other_noise = materials_of(predictions.other_noise());
+  } else {
+    candidate.as_trained = materials_for(name);
     for (const uint32_t i : test_set().other_noise) {
       candidate.other_noise.push_back(candidate.as_trained[i]);
     }
-  } else {
-    candidate.other_noise = materials_of(predictions_of(name).other_noise());
   }
   if (fs::exists(errors_path(name))) {
     const fs::path file = errors_path(name);
@@ -784,9 +788,9 @@ std::vector<Table> ExperimentRunner::write_tables(const Answers& answers) const 
 }
 
 // What the network answered, in pictures; those that are there are kept.
-void ExperimentRunner::render_pictures(const v1::ExperimentNetwork& network) {
+void ExperimentRunner::render_pictures(const v1::ExperimentNetwork& network,
+                                       const v1::ExperimentPredictions& predictions) {
   const std::string file = file_name_of(network.name());
-  const v1::ExperimentPredictions predictions = predictions_of(network.name());
   images().render_pictures(file, materials_of(predictions.as_trained()), pool(), run_.stop);
   render_colours(colours(), materials_of(predictions.colours()), experiment_.rerendering().spp(),
                  folder("images"), file, pool(), run_.stop);
@@ -811,7 +815,8 @@ ExperimentResult ExperimentRunner::write_result(const std::vector<v1::StageRecor
                           .rate = read_text<v1::RateChoice>(folder(kRateName), "learning rate"),
                           .stages = records};
   for (const v1::ExperimentNetwork& network : experiment_.networks()) {
-    render_pictures(network);
+    v1::ExperimentPredictions predictions = predictions_of(network.name());
+    render_pictures(network, predictions);
     const auto start = start_of_.find(network.name());
     report.networks.push_back(
         {.name = network.name(),
@@ -820,7 +825,7 @@ ExperimentResult ExperimentRunner::write_result(const std::vector<v1::StageRecor
          .shared_metrics = start == start_of_.end()
                                ? fs::path()
                                : folder("shared") / start->second.file / kMetricsName,
-         .predictions = predictions_of(network.name())});
+         .predictions = std::move(predictions)});
   }
   result.report = write_report(report, run_.folder);
   return result;

@@ -48,6 +48,20 @@ const char* name_of(ExperimentScene scene) {
   return scene == ExperimentScene::kSame ? "same" : "novel";
 }
 
+using ImagePlace = std::pair<ExperimentScene, size_t>;  // the number is that of a chosen image
+
+// The images, in both scenes, whose files are not there.
+template <typename FileOf>
+std::vector<ImagePlace> missing_of(std::span<const size_t> images, const FileOf& file_of) {
+  std::vector<ImagePlace> missing;
+  for (const ExperimentScene scene : kExperimentScenes) {
+    for (const size_t k : images) {
+      if (!fs::exists(file_of(scene, k))) missing.emplace_back(scene, k);
+    }
+  }
+  return missing;
+}
+
 void write_image(const fs::path& path, int side, std::vector<float> radiance,
                  std::vector<float> mask = {}) {
   Image image;
@@ -115,12 +129,8 @@ void ExperimentImages::render_references(std::span<const size_t> images, RenderP
                                          const ImageProgress& progress,
                                          const std::stop_token& stop) {
   fs::create_directories(references_);
-  std::vector<std::pair<ExperimentScene, size_t>> missing;
-  for (const ExperimentScene scene : kExperimentScenes) {
-    for (const size_t k : images) {
-      if (!fs::exists(reference_file(scene, k))) missing.emplace_back(scene, k);
-    }
-  }
+  const std::vector<ImagePlace> missing =
+      missing_of(images, [&](ExperimentScene scene, size_t k) { return reference_file(scene, k); });
   const size_t total = 2 * images.size();
   size_t done = total - missing.size();
   progress(done, total);
@@ -174,12 +184,8 @@ void ExperimentImages::render_pictures(const std::string& name,
                                        const std::stop_token& stop) {
   render_references(shown_, pool, kNobody, stop);
   fs::create_directories(pictures_ / name);
-  std::vector<std::pair<ExperimentScene, size_t>> missing;
-  for (const ExperimentScene scene : kExperimentScenes) {
-    for (const size_t k : shown_) {
-      if (!fs::exists(picture_file(name, scene, k))) missing.emplace_back(scene, k);
-    }
-  }
+  const std::vector<ImagePlace> missing = missing_of(
+      shown_, [&](ExperimentScene scene, size_t k) { return picture_file(name, scene, k); });
   render_all(
       missing.size(),
       [&](size_t i) {
