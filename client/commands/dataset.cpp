@@ -24,6 +24,7 @@
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
+#include "client/presets/presets.h"
 #include "client/progress.h"
 #include "client/scene/text_proto.h"
 #include "common/error.h"
@@ -203,7 +204,8 @@ bool changes_preset(const CLI::App& command) {
 // A preset as it is, with its comments; else what the flags make of it or of the file.
 void print_config(const DatasetOptions& options, const CLI::App& command) {
   if (!changes_preset(command)) {
-    print_result("{}", find_preset(options.preset.empty() ? "paper" : options.preset).file);
+    const std::string name = options.preset.empty() ? "paper" : options.preset;
+    print_result("{}", find_preset(dataset_presets(), name).file);
   } else {
     print_result("{}", to_text_proto(config_of(options, std::nullopt)));
   }
@@ -426,12 +428,9 @@ void add_dataset_command(CLI::App& app) {
       command->add_option("--config", options->config,
                           "Dataset file: what is drawn for each image (protobuf text format of "
                           "itn.v1.DatasetConfig); flags override it");
-  std::string presets;
-  for (const DatasetPreset& preset : dataset_presets()) {
-    presets +=
-        fmt::format("{}{} ({})", presets.empty() ? "" : ", ", preset.name, preset.description);
-  }
-  command->add_option("--preset", options->preset, "Instead: " + presets + "; default paper")
+  command
+      ->add_option("--preset", options->preset,
+                   fmt::format("Instead: {}; default paper", description_of(dataset_presets())))
       ->excludes(config);
   command->add_flag("--print-config", options->print_config,
                     "Print the dataset file of the preset and the flags, and do nothing else");

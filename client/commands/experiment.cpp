@@ -7,7 +7,7 @@
 #include <thread>
 
 #include "client/commands/experiment.h"
-#include "client/experiment/presets.h"
+#include "client/presets/presets.h"
 
 #include "client/experiment/experiment.h"
 #include "client/experiment/experiment_config.h"
@@ -110,7 +110,7 @@ void print_tables(const std::vector<Table>& tables) {
 
 void run_experiment(const ExperimentOptions& options) {
   if (options.print_config && !options.preset.empty()) {
-    print_result("{}", find_experiment_preset(options.preset).file);
+    print_result("{}", find_preset(experiment_presets(), options.preset).file);
     return;
   }
   if (options.tables) {

@@ -7,7 +7,7 @@
 #include "client/commands/command.h"
 #include "client/commands/experiment.h"
 #include "client/commands/options.h"
-#include "client/experiment/presets.h"
+#include "client/presets/presets.h"
 #include "common/flags.h"
 
 namespace itn {
@@ -17,13 +17,10 @@ void add_experiment_command(CLI::App& app) {
       "experiment", "The networks and tables of Che et al. 2020; the same command continues");
   CLI::Option* file = command->add_option(
       "file", options->file, "Experiment file (protobuf text format of itn.v1.Experiment)");
-  std::string presets;
-  for (const ExperimentPreset& preset : experiment_presets()) {
-    presets +=
-        fmt::format("{}{} ({})", presets.empty() ? "" : ", ", preset.name, preset.description);
-  }
-  CLI::Option* preset =
-      command->add_option("--preset", options->preset, "Instead: " + presets)->excludes(file);
+  CLI::Option* preset = command
+                            ->add_option("--preset", options->preset,
+                                         "Instead: " + description_of(experiment_presets()))
+                            ->excludes(file);
   command->add_option("-o,--output", options->folder,
                       "Folder of the experiment; required to run it");
   command->add_flag("--print-config", options->print_config, "Print the preset's file, and end");

@@ -10,6 +10,7 @@
 #include "client/commands/config_flags.h"
 #include "client/commands/options.h"
 #include "client/commands/train.h"
+#include "client/presets/presets.h"
 #include "client/training/training_config.h"
 #include "common/flags.h"
 #include "common/render_limits.h"
@@ -194,10 +195,10 @@ void add_train_command(CLI::App& app) {
   command->add_option("-o,--output", options->folder, "Folder of the run; required to train");
   command
       ->add_option("--preset", options->preset,
-                   "Where a new run's configuration starts; paper: that of Che et al. 2020; "
-                   "residual: a residual network that answers a distribution, Muon, cosine "
-                   "schedule, augmentation. The defaults of most flags are the preset's")
-      ->check(one_of(training_presets()))
+                   fmt::format("Where a new run's configuration starts: {}. The defaults of most "
+                               "flags are the preset's",
+                               description_of(training_presets())))
+      ->check(one_of(names_of(training_presets())))
       ->capture_default_str();
   command->add_option("--config", options->config,
                       "File with fields of itn.v1.TrainingConfig (text format) in the place of the "

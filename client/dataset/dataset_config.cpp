@@ -3,15 +3,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <initializer_list>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include "client/dataset/distribution.h"
+#include "client/presets/presets.h"
 #include "client/scene/text_proto.h"
 #include "common/error.h"
 #include "common/files/read_file.h"
@@ -23,173 +22,6 @@ namespace {
 
 using google::protobuf::FieldDescriptor;
 using google::protobuf::Message;
-
-// A preset is its difference from `paper`, which is the defaults; and so may a dataset file be.
-constexpr std::string_view kPaper =
-    R"(# The measurement set-up of Che et al., ICCP 2020: an object of 1 mm on a grey ground under a clear
-# sky with a widened sun, seen from 15 degrees above the horizon.
-count: 400
-resolution: 128
-spp: 256
-shapes { builtin {} }
-test_fraction: 0.25
-validation_fraction: 0.1
-pose { upright: 1 }
-camera {
-  pitch_degrees { fixed: 15 }
-  distance { fixed: 33.95 }
-  object_size { fixed: 0.6757 }
-  offset { fixed: 0 }
-}
-lights {
-  weight: 1
-  sun_sky {
-    azimuth_degrees { one_of { value: [0, 30, 60, 90] } }
-    test_azimuth_degrees { one_of { value: [10, 20, 40, 50, 70, 80] } }
-    elevation_degrees { fixed: 60 }
-    turbidity { fixed: 3 }
-    sun_angular_radius_degrees { fixed: 18.75 }
-  }
-}
-ground {
-  probability: 1
-  reflectance { fixed: 0.5 }
-}
-materials {
-  sampling: STRATIFIED
-  sigma_t { log_uniform { min: 30 max: 276 } }
-  albedo { uniform { min: 0.39 max: 0.95 } }
-  g { uniform { min: 0 max: 0.8 } }
-}
-)";
-
-// What photographs may show, whatever their light: any way to stand, camera, ground and material.
-constexpr std::string_view kAnyPoseAndCamera =
-    R"(count: 4000
-resolution: 64
-noise { target: 0.05 }
-shapes { random { count: 600 } }
-pose { turned: 3 any: 1 }
-camera {
-  pitch_degrees { uniform { min: 5 max: 50 } }
-  distance { log_uniform { min: 4 max: 40 } }
-  object_size { uniform { min: 0.55 max: 0.78 } }
-  offset { uniform { min: -0.04 max: 0.04 } }
-}
-)";
-
-constexpr std::string_view kAnyGroundAndMaterial =
-    R"(ground {
-  probability: 0.9
-  reflectance { uniform { min: 0.05 max: 0.8 } }
-}
-materials {
-  sigma_t { log_uniform { min: 20 max: 400 } }
-  albedo { uniform { min: 0.3 max: 0.98 } }
-  g { uniform { min: -0.1 max: 0.9 } }
-}
-)";
-
-// The defaults of a surface.
-constexpr std::string_view kRoughSurface =
-    R"(boundary {
-  probability: 1
-  index { uniform { min: 1.3 max: 1.6 } }
-  roughness { log_uniform { min: 0.05 max: 0.5 } }
-  smooth_angle_degrees: 30
-}
-)";
-
-// What hardly absorbs, as wax, marble and milk, on a ground that may have a pattern.
-constexpr std::string_view kPatternAndBrightMaterial =
-    R"(ground {
-  probability: 0.9
-  reflectance { uniform { min: 0.05 max: 0.8 } }
-  checkered: 0.3
-  mottled: 0.3
-}
-materials {
-  sigma_t { log_uniform { min: 20 max: 400 } }
-  albedo { complement_log_uniform { min: 0.3 max: 0.9999 } }
-  g { uniform { min: -0.1 max: 0.9 } }
-}
-)";
-
-// What lights them: fields of a LightChoice.
-constexpr std::string_view kSunAndSky =
-    R"(  sun_sky {
-    azimuth_degrees { uniform { min: 0 max: 360 } }
-    elevation_degrees { uniform { min: 10 max: 85 } }
-    turbidity { uniform { min: 2 max: 8 } }
-    # From nearly the real sun to one behind thin clouds.
-    sun_angular_radius_degrees { log_uniform { min: 1 max: 20 } }
-  }
-)";
-
-// The same, as bright as a studio.
-constexpr std::string_view kSunAndSkyOfOneIrradiance =
-    R"(  sun_sky {
-    azimuth_degrees { uniform { min: 0 max: 360 } }
-    elevation_degrees { uniform { min: 10 max: 85 } }
-    turbidity { uniform { min: 2 max: 8 } }
-    # From nearly the real sun to one behind thin clouds.
-    sun_angular_radius_degrees { log_uniform { min: 1 max: 20 } }
-    irradiance { fixed: 100 }
-  }
-)";
-
-constexpr std::string_view kFlash =
-    R"(  flash {
-    irradiance { fixed: 100 }
-    ambient { log_uniform { min: 0.001 max: 0.02 } }
-  }
-)";
-
-// The defaults of a lamp, in a room that is not quite dark.
-constexpr std::string_view kLamp =
-    R"(  lamp {
-    irradiance { fixed: 100 }
-    distance { log_uniform { min: 1.5 max: 10 } }
-    azimuth_degrees { uniform { min: 0 max: 360 } }
-    elevation_degrees { uniform { min: 15 max: 80 } }
-    ambient { log_uniform { min: 0.001 max: 0.02 } }
-  }
-)";
-
-// The defaults of a studio.
-constexpr std::string_view kStudio =
-    R"(  studio {
-    irradiance { fixed: 100 }
-    walls { log_uniform { min: 0.02 max: 0.3 } }
-    emitters { one_of { value: [1, 2, 3, 4, 5] } }
-    emitter {
-      lamps: 0.4
-      azimuth_degrees { uniform { min: 0 max: 360 } }
-      elevation_degrees { uniform { min: 15 max: 80 } }
-      size_degrees { log_uniform { min: 10 max: 60 } }
-      aspect { uniform { min: 0.4 max: 1 } }
-      roll_degrees { uniform { min: 0 max: 180 } }
-      edge { uniform { min: 0.05 max: 0.6 } }
-      strength { log_uniform { min: 0.1 max: 1 } }
-    }
-  }
-)";
-
-struct WeightedLight {
-  int weight;
-  std::string_view kind;
-};
-
-// A dataset file of photographs under some lights; `about` is the comment it opens with.
-std::string photographs(std::string_view about, std::initializer_list<WeightedLight> lights,
-                        std::string_view ground_and_material = kAnyGroundAndMaterial) {
-  std::string file = fmt::format("# {}\n{}", about, kAnyPoseAndCamera);
-  for (const auto& [weight, kind] : lights) {
-    file += lights.size() == 1 ? fmt::format("lights {{\n{}}}\n", kind)
-                               : fmt::format("lights {{\n  weight: {}\n{}}}\n", weight, kind);
-  }
-  return file.append(ground_and_material);
-}
 
 v1::DatasetConfig parsed(std::string_view text, const std::string& name) {
   v1::DatasetConfig config;
@@ -425,62 +257,8 @@ void validate_grid(const v1::DatasetConfig& config) {
 
 }  // namespace
 
-std::span<const DatasetPreset> dataset_presets() {
-  const auto of_things_that_shine = [](std::string_view about, std::string_view lamp,
-                                       std::string_view more) {
-    return photographs(about,
-                       {{2, kSunAndSkyOfOneIrradiance}, {2, kStudio}, {1, kFlash}, {1, lamp}},
-                       std::string(kRoughSurface).append(kPatternAndBrightMaterial).append(more));
-  };
-  std::string ball(kLamp);
-  ball.insert(ball.find("    ambient"), "    radius { log_uniform { min: 0.01 max: 0.2 } }\n");
-  static const std::array kPresets = {
-      DatasetPreset{"paper", "the set-up of Che et al. 2020", std::string(kPaper)},
-      DatasetPreset{
-          "outdoor", "any sun and sky, ground, pose and camera",
-          photographs("Any sun and sky, any ground, any way to stand, as photographs outdoors "
-                      "have them.",
-                      {{1, kSunAndSky}})},
-      DatasetPreset{"flash", "a light at the camera in a dark room",
-                    photographs("A light at the camera in a dark room: the light is known then, "
-                                "as people can arrange it.",
-                                {{1, kFlash}})},
-      DatasetPreset{"studio", "soft boxes and lamps in a dim room",
-                    photographs("Soft boxes and lamps in a dim room, of a known irradiance.",
-                                {{1, kStudio}})},
-      DatasetPreset{"any", "sun and sky, studio and flash, mixed, of one irradiance",
-                    photographs("Outdoors, in a studio and by flash, all of one irradiance: for a "
-                                "network that knows nothing of the light, or only how bright a "
-                                "white card is in it.",
-                                {{2, kSunAndSkyOfOneIrradiance}, {2, kStudio}, {1, kFlash}})},
-      DatasetPreset{
-          "glossy", "any light, near lamps too, on things with a surface that shines",
-          of_things_that_shine("As `any`, and by lamps nearby, of what has a surface that reflects "
-                               "and refracts, and absorbs as little as milk or marble.",
-                               kLamp, "")},
-      DatasetPreset{"channels", "as glossy, in the channels of photographs, or their luminance",
-                    of_things_that_shine(
-                        "As `glossy`, but three of four images show a channel of a "
-                        "photograph: what sun and sky send of one colour. Lamps have a size.",
-                        ball, "coloured: 0.75\n")},
-  };
-  return kPresets;
-}
-
-const DatasetPreset& find_preset(std::string_view name) {
-  const std::span<const DatasetPreset> presets = dataset_presets();
-  const auto found = std::ranges::find(presets, name, &DatasetPreset::name);
-  if (found == presets.end()) {
-    std::vector<std::string_view> names;
-    for (const DatasetPreset& preset : presets) names.push_back(preset.name);
-    throw invalid_input(
-        fmt::format("there is no preset \"{}\"; there are {}", name, fmt::join(names, ", ")));
-  }
-  return *found;
-}
-
 v1::DatasetConfig preset_config(std::string_view name) {
-  v1::DatasetConfig config = parsed(find_preset(name).file, std::string(name));
+  v1::DatasetConfig config = parsed(find_preset(dataset_presets(), name).file, std::string(name));
   set_defaults(config);
   return config;
 }
@@ -498,65 +276,38 @@ v1::DatasetConfig load_dataset_config(const std::filesystem::path& path) {
 }
 
 void set_defaults(v1::DatasetConfig& config) {
-  v1::DatasetConfig defaults = parsed(kPaper, "paper");
+  v1::DatasetConfig paper = parsed(find_preset(dataset_presets(), "paper").file, "paper");
+  v1::DatasetConfig kinds = parsed(dataset_defaults(), "defaults of datasets");
   // The file decides between settings that exclude each other.
-  if (config.has_noise()) defaults.clear_spp();
-  if (config.materials().sampling() == v1::MaterialChoice::GRID) defaults.set_count(0);
-  // Each light, if the file has any; whose azimuths are those of the test, too, unless it says
-  // more.
+  if (config.has_noise()) paper.clear_spp();
+  if (config.materials().sampling() == v1::MaterialChoice::GRID) paper.set_count(0);
+  // Each light, if the file has any.
+  kinds.mutable_lights()->MergeFrom(paper.lights());
   for (v1::LightChoice& light : *config.mutable_lights()) {
     if (light.weight() == 0) light.set_weight(1);
-    if (light.has_flash()) {
-      v1::FlashChoice flash;
-      *flash.mutable_irradiance() = fixed(100);
-      *flash.mutable_ambient() = fixed(0);
-      merge_defaults(*light.mutable_flash(), flash);
+    const auto of_its_kind =
+        std::ranges::find(kinds.lights(), light.kind_case(), &v1::LightChoice::kind_case);
+    if (of_its_kind == kinds.lights().end()) continue;
+    v1::LightChoice defaults = *of_its_kind;
+    // Azimuths are those of the test, too, unless the file says more.
+    if (light.sun_sky().has_azimuth_degrees()) {
+      defaults.mutable_sun_sky()->clear_test_azimuth_degrees();
     }
-    if (light.has_studio()) {
-      v1::LightChoice studio;
-      parse_text_proto(std::string(kStudio), "studio", studio);
-      merge_defaults(*light.mutable_studio(), studio.studio());
-    }
-    if (light.has_lamp()) {
-      v1::LightChoice lamp;
-      parse_text_proto(std::string(kLamp), "lamp", lamp);
-      *lamp.mutable_lamp()->mutable_ambient() = fixed(0);
-      merge_defaults(*light.mutable_lamp(), lamp.lamp());
-    }
-    if (light.has_panoramas()) {
-      v1::PanoramaChoice panoramas;
-      *panoramas.mutable_irradiance() = fixed(100);
-      *panoramas.mutable_azimuth_degrees() = uniform(0, 360);
-      merge_defaults(*light.mutable_panoramas(), panoramas);
-    }
-    if (light.has_sun_sky()) {
-      v1::SunSkyChoice sun = defaults.lights(0).sun_sky();
-      if (light.sun_sky().has_azimuth_degrees()) sun.clear_test_azimuth_degrees();
-      merge_defaults(*light.mutable_sun_sky(), sun);
-    }
+    merge_defaults(light, defaults);
   }
-  merge_defaults(config, defaults);
+  merge_defaults(config, paper);
   // What is absent of these stays so, as in datasets that know nothing of them.
-  if (config.has_boundary()) {
-    merge_defaults(*config.mutable_boundary(), parsed(kRoughSurface, "boundary").boundary());
-  }
+  if (config.has_boundary()) merge_defaults(*config.mutable_boundary(), kinds.boundary());
   if (has_pattern(config.ground())) {
-    v1::GroundChoice ground;
-    *ground.mutable_other_reflectance() = uniform(0.05, 0.8);
-    if (config.ground().checkered() > 0) *ground.mutable_square() = log_uniform(0.1, 1);
-    if (config.ground().mottled() > 0) {
-      *ground.mutable_image_size() = log_uniform(1, 10);
-      *ground.mutable_persistence() = uniform(0.3, 0.9);
+    v1::GroundChoice ground = kinds.ground();
+    if (config.ground().checkered() == 0) ground.clear_square();
+    if (config.ground().mottled() == 0) {
+      ground.clear_image_size();
+      ground.clear_persistence();
     }
     merge_defaults(*config.mutable_ground(), ground);
   }
-  if (config.has_noise()) {
-    v1::NoiseTarget noise;
-    noise.set_min_spp(4);
-    noise.set_max_spp(4096);
-    noise.set_pilot_spp(8);
-    merge_defaults(*config.mutable_noise(), noise);
-  }
+  if (config.has_noise()) merge_defaults(*config.mutable_noise(), kinds.noise());
 }
 
 void validate_resolution(uint32_t resolution, const std::string& where) {

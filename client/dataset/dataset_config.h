@@ -2,7 +2,6 @@
 #pragma once
 
 #include <filesystem>
-#include <span>
 #include <string>
 #include <string_view>
 
@@ -10,18 +9,7 @@
 
 namespace itn {
 
-struct DatasetPreset {
-  std::string_view name;
-  std::string_view description;  // one line
-  std::string file;              // a dataset file, with comments
-};
-
-std::span<const DatasetPreset> dataset_presets();
-
-// Throws Error (invalid input) that lists the names there are.
-const DatasetPreset& find_preset(std::string_view name);
-
-// With all defaults.
+// The preset of this name (client/presets/presets.h), with all defaults. Throws as find_preset().
 v1::DatasetConfig preset_config(std::string_view name);
 
 // The preset `paper`: the set-up, materials and azimuths of Che et al. 2020.

@@ -10,7 +10,7 @@
 #include <fmt/format.h>
 
 #include "client/dataset/dataset_config.h"
-#include "client/experiment/presets.h"
+#include "client/presets/presets.h"
 #include "client/scene/text_proto.h"
 #include "client/training/training.h"
 #include "client/training/training_config.h"
@@ -200,7 +200,7 @@ void set_steps(uint64_t steps, v1::TrainingConfig& config) {
 }  // namespace
 
 v1::Experiment experiment_of_preset(std::string_view name) {
-  const ExperimentPreset& preset = find_experiment_preset(name);
+  const Preset& preset = find_preset(experiment_presets(), name);
   return parsed(std::string(preset.file), fmt::format("preset {}", name));
 }
 

@@ -10,7 +10,8 @@
 
 namespace itn {
 
-// With all defaults. Throws as load_experiment() and find_experiment_preset().
+// With all defaults. Throws as load_experiment() and find_preset()
+// (client/presets/presets.h).
 v1::Experiment experiment_of_preset(std::string_view name);
 
 // Reads an experiment file; with all defaults, and validated. Throws Error: kIo; kInvalidInput with

@@ -2,22 +2,14 @@
 #pragma once
 
 #include <filesystem>
-#include <string>
-#include <vector>
+#include <string_view>
 
 #include "itn/v1/learning.pb.h"
 
 namespace itn {
 
-// "paper": Che et al., ICCP 2020: their encoder and optimizer, the RN loss. "residual": what we
-// found to learn most in the least time: a residual network with a Gaussian output, its images
-// mirrored, shifted and brought up to a common noise; Muon with a cosine schedule; the running
-// mean of the weights.
-std::vector<std::string> training_presets();
-
-// Without steps, dataset and threads. Throws Error (invalid input) unless there is one of this
-// name.
-v1::TrainingConfig training_preset(const std::string& name);
+// The preset of this name (client/presets/presets.h). Throws as find_preset().
+v1::TrainingConfig training_preset(std::string_view name);
 
 // `config` with the fields that `given` has in the place of its own; of layers and noise all of
 // them.

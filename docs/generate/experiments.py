@@ -23,8 +23,11 @@ TABLE = re.compile(r"^<!-- (\S+\.csv) \| ([^|]*?)(?: \| (.*))? -->\n((?:\|.*\n)*
 
 
 def tables_again(results, folder):
-    """Makes the tables of a copy without tables; returns their texts by name."""
+    """Makes the tables of a copy without tables; returns their texts by name. The preset that the results are named
+    after must be the experiment that they are of."""
     shutil.copytree(results, folder, ignore=shutil.ignore_patterns("*.csv"))
+    subprocess.run([PROGRAMS / "itn", "experiment", "--preset", results.name, "--status", "-o", folder], check=True,
+                   stdout=subprocess.DEVNULL)
     subprocess.run([PROGRAMS / "itn", "experiment", "--tables", "-o", folder], check=True, stdout=subprocess.DEVNULL)
     return {f"{results.name}/{file.name}": file.read_text() for file in sorted(folder.glob("*.csv"))}
 

@@ -3,6 +3,7 @@
 #include <fstream>
 
 #include "client/dataset/distribution.h"
+#include "client/presets/presets.h"
 #include "client/scene/text_proto.h"
 #include "tests/client/dataset/dataset_support.h"
 
@@ -64,13 +65,13 @@ TEST(Distribution, SaysWhatIsWrong) {
 }
 
 TEST(DatasetConfig, PresetsAreValidAndReadBackEqual) {
-  for (const DatasetPreset& preset : dataset_presets()) {
+  for (const Preset& preset : dataset_presets()) {
     v1::DatasetConfig config = preset_config(preset.name);
     EXPECT_NO_THROW(validate(config)) << preset.name;
     EXPECT_EQ(to_text_proto(parsed(to_text_proto(config))), to_text_proto(config)) << preset.name;
   }
   expect_error(ErrorKind::kInvalidInput, "no preset \"indoor\"; there are paper, outdoor, flash",
-               [] { find_preset("indoor"); });
+               [] { preset_config("indoor"); });
 }
 
 TEST(DatasetConfig, WhatIsAbsentIsThePapers) {

@@ -1,8 +1,8 @@
 #include "client/experiment/experiment_config.h"
-#include "client/experiment/presets.h"
 
 #include <gtest/gtest.h>
 
+#include "client/presets/presets.h"
 #include "client/scene/text_proto.h"
 #include "common/error.h"
 #include "tests/support/expect_error.h"
@@ -75,7 +75,7 @@ TEST(ExperimentFile, UnderstandsTheNamesOf01) {
 }
 
 TEST(ExperimentFile, PresetsAreFilesThatCanBeRead) {
-  for (const ExperimentPreset& preset : experiment_presets()) {
+  for (const Preset& preset : experiment_presets()) {
     const v1::Experiment experiment = loaded(std::string(preset.file));
     EXPECT_GE(experiment.networks_size(), 2)
         << preset.name;  // the first, and what it is compared with
@@ -85,7 +85,7 @@ TEST(ExperimentFile, PresetsAreFilesThatCanBeRead) {
   }
   expect_error(ErrorKind::kInvalidInput,
                {"\"tiny\"", "smoke, small, ablation, few_shapes, paper_64, paper_64_gloss, paper"},
-               [] { find_experiment_preset("tiny"); });
+               [] { experiment_of_preset("tiny"); });
 }
 
 TEST(ExperimentFile, PaperIsTheProtocolOfThePaper) {

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "client/presets/presets.h"
 #include "client/training/learning_rate.h"
 #include "client/training/training_config.h"
 #include "client/training/validation.h"
@@ -305,10 +306,10 @@ TEST_F(TrainingRunTest, ValidatesByErrorsOverTheConstantPredictors) {
 // --- Configurations ---
 
 TEST(TrainingConfigTest, PresetsAreValid) {
-  for (const std::string& name : training_presets()) {
-    v1::TrainingConfig c = training_preset(name);
+  for (const Preset& preset : training_presets()) {
+    v1::TrainingConfig c = training_preset(preset.name);
     c.set_steps(1000);
-    EXPECT_NO_THROW(validate(c)) << name;
+    EXPECT_NO_THROW(validate(c)) << preset.name;
   }
   EXPECT_THROW(training_preset("nothing"), Error);
 }
