@@ -32,7 +32,8 @@ enum Choice : uint64_t {
   kBoundary,
   kCheckerboard,
   kChannel,
-  kTexture
+  kTexture,
+  kColours
 };
 
 // The place of an item in its split.

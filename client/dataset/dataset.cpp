@@ -196,6 +196,13 @@ Image DatasetReader::file_of(const v1::DatasetItem& item) const {
 }
 
 DatasetImage DatasetReader::image(const v1::DatasetItem& item) const {
+  require(item.colours().empty(),
+          fmt::format("{} is in colour, where an image with one channel is needed",
+                      (folder_ / item.file()).string()));
+  return std::move(channels(item).front());
+}
+
+std::vector<DatasetImage> DatasetReader::channels(const v1::DatasetItem& item) const {
   const Image image = file_of(item);
   const auto* noise = attribute_of<double>(image, attribute::kRelativeNoise);
   const auto* spp = attribute_of<int>(image, attribute::kSpp);
@@ -203,8 +210,14 @@ DatasetImage DatasetReader::image(const v1::DatasetItem& item) const {
           fmt::format("{} does not say how noisy it is", (folder_ / item.file()).string()));
   require(*noise >= 0, fmt::format("{} says a relative noise of {}; it must be >= 0",
                                    (folder_ / item.file()).string(), *noise));
-  return {image.channel("Y"), image.channel("mask.Y"), image.channel("stderr.Y"), *noise,
-          static_cast<uint32_t>(*spp)};
+  std::vector<std::string> names{"Y"};
+  if (!item.colours().empty()) names.assign(kColourChannels.begin(), kColourChannels.end());
+  std::vector<DatasetImage> channels;
+  for (const std::string& name : names) {
+    channels.push_back({image.channel(name), image.channel("mask.Y"),
+                        image.channel("stderr." + name), *noise, static_cast<uint32_t>(*spp)});
+  }
+  return channels;
 }
 
 DerivativeImages DatasetReader::derivatives(const v1::DatasetItem& item) const {
@@ -232,10 +245,17 @@ const v1::DatasetPanorama* DatasetReader::panorama_of(const v1::DatasetItem& ite
 }
 
 std::shared_ptr<const SerializedScene> DatasetReader::scene(const v1::DatasetItem& item) {
+  return scene(item, item.channel());
+}
+
+std::shared_ptr<const SerializedScene> DatasetReader::scene(const v1::DatasetItem& item,
+                                                            v1::Film::Channel shown) {
   const v1::Triangles& triangles = triangles_.get(folder_, *shapes_.at(item.shape()));
   const v1::DatasetPanorama* panorama = panorama_of(item);
-  return serialize(scene_of(item, triangles, manifest_.config().resolution(),
-                            panorama == nullptr ? nullptr : &pixels_.get(folder_, *panorama)));
+  v1::Scene scene = scene_of(item, triangles, manifest_.config().resolution(),
+                             panorama == nullptr ? nullptr : &pixels_.get(folder_, *panorama));
+  scene.mutable_film()->set_channel(shown);
+  return serialize(scene);
 }
 
 }  // namespace itn

@@ -42,7 +42,10 @@ std::filesystem::path path_inside(const std::filesystem::path& folder, const std
 bool holds_file(const std::filesystem::path& folder, const std::string& file,
                 const std::string& sha256);
 
-// One image with its mask.
+// The channels of images in colour.
+inline constexpr std::array<const char*, 3> kColourChannels{"R", "G", "B"};
+
+// One channel of an image, with its mask.
 struct DatasetImage {
   std::vector<float> radiance;  // resolution x resolution
   std::vector<float> mask;
@@ -92,9 +95,11 @@ class DatasetReader {
   int resolution() const;
   std::vector<const v1::DatasetItem*> items(v1::Split split) const;
 
-  // Throws Error: kIo if the image has not been rendered yet, kInvalidInput if it is not the image
-  // of this item, and as read_exr().
+  // The image of an item with one channel. Throws Error: kIo if the image has not been rendered
+  // yet, kInvalidInput if it is not the image of this item, or in colour, and as read_exr().
   DatasetImage image(const v1::DatasetItem& item) const;
+  // The image by channel: luminance, or red, green and blue. Throws likewise.
+  std::vector<DatasetImage> channels(const v1::DatasetItem& item) const;
 
   // Reads the derivative images of a dataset that has them (Error, invalid input, otherwise);
   // throws as image().
@@ -106,6 +111,9 @@ class DatasetReader {
   // The scene that the image was rendered of. Throws Error: kIo, kDataLoss (the file of the shape
   // or panorama is not the one that the manifest was written for).
   std::shared_ptr<const SerializedScene> scene(const v1::DatasetItem& item);
+  // Likewise, of which the film shows another part of the light.
+  std::shared_ptr<const SerializedScene> scene(const v1::DatasetItem& item,
+                                               v1::Film::Channel shown);
 
  private:
   // Its file, which is that of this item.

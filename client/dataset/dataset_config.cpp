@@ -240,6 +240,41 @@ v1::Distribution irradiance_of(const v1::LightChoice& light) {
   return light.sun_sky().has_irradiance() ? light.sun_sky().irradiance() : fixed(0);
 }
 
+void validate_colours(const v1::DatasetConfig& config) {
+  const v1::ColourChoice& colours = config.materials().colours();
+  validate("materials.colours.scattering", colours.scattering(), 0.01, 100);
+  validate("materials.colours.absorption", colours.absorption(), 1e-3, 1e3);
+  require_part("materials.colours.gray", colours.gray());
+  require_part("materials.colours.measured", colours.measured());
+  require(colours.gray() + colours.measured() <= 1,
+          fmt::format("materials.colours.gray is {} and measured {}; together they are at most 1",
+                      colours.gray(), colours.measured()));
+  require(
+      config.coloured() == 0,
+      fmt::format("coloured is {}; images in colour show all of their light", config.coloured()));
+  require(!config.derivatives(), "derivatives are of images with one channel, not in colour");
+}
+
+void validate_materials(const v1::DatasetConfig& config) {
+  const v1::MaterialChoice& materials = config.materials();
+  validate("albedo", materials.albedo(), 0, 1);
+  validate("g", materials.g(), -kMaxAbsG, kMaxAbsG);
+  if (materials.has_sigma_s_reduced()) {
+    require(!materials.has_sigma_t(),
+            "there are sigma_t and sigma_s_reduced; one of them says how dense media are");
+    validate("sigma_s_reduced", materials.sigma_s_reduced(), kMinSigmaT, kMaxSigmaT);
+    require(range_of(materials.albedo()).min() > 0,
+            "the albedo begins at 0, where nothing scatters; sigma_s_reduced needs one above");
+  } else {
+    validate("sigma_t", materials.sigma_t(), kMinSigmaT, kMaxSigmaT);
+  }
+  if (materials.has_colours()) validate_colours(config);
+  const v1::Interval sigma_t = material_range(config).sigma_t();
+  require(sigma_t.min() >= kMinSigmaT && sigma_t.max() <= kMaxSigmaT,
+          fmt::format("materials may have a sigma_t from {} to {}; it must be in [{}, {}]",
+                      sigma_t.min(), sigma_t.max(), kMinSigmaT, kMaxSigmaT));
+}
+
 void validate_grid(const v1::DatasetConfig& config) {
   const v1::MaterialChoice& materials = config.materials();
   require(is_list(materials.sigma_t()) && is_list(materials.albedo()) && is_list(materials.g()),
@@ -251,6 +286,8 @@ void validate_grid(const v1::DatasetConfig& config) {
           "a grid takes one light, a sun_sky, with lists of azimuths: one_of, or fixed");
   require(config.coloured() == 0,
           fmt::format("coloured is {}; a grid shows luminance", config.coloured()));
+  require(!materials.has_sigma_s_reduced() && !materials.has_colours(),
+          "a grid takes sigma_t, and no materials.sigma_s_reduced or colours");
   require(config.count() == 0,
           fmt::format("count is {}; a grid says itself how many images there are", config.count()));
 }
@@ -281,6 +318,7 @@ void set_defaults(v1::DatasetConfig& config) {
   // The file decides between settings that exclude each other.
   if (config.has_noise()) paper.clear_spp();
   if (config.materials().sampling() == v1::MaterialChoice::GRID) paper.set_count(0);
+  if (config.materials().has_sigma_s_reduced()) paper.mutable_materials()->clear_sigma_t();
   // Each light, if the file has any.
   kinds.mutable_lights()->MergeFrom(paper.lights());
   for (v1::LightChoice& light : *config.mutable_lights()) {
@@ -308,6 +346,9 @@ void set_defaults(v1::DatasetConfig& config) {
     merge_defaults(*config.mutable_ground(), ground);
   }
   if (config.has_noise()) merge_defaults(*config.mutable_noise(), kinds.noise());
+  if (config.materials().has_colours()) {
+    merge_defaults(*config.mutable_materials()->mutable_colours(), kinds.materials().colours());
+  }
 }
 
 void validate_resolution(uint32_t resolution, const std::string& where) {
@@ -337,9 +378,7 @@ void validate(const v1::DatasetConfig& config) {
   validate_ground(config.ground());
   if (config.has_boundary()) validate_boundary(config.boundary());
   require_part("coloured", config.coloured());
-  validate("sigma_t", config.materials().sigma_t(), kMinSigmaT, kMaxSigmaT);
-  validate("albedo", config.materials().albedo(), 0, 1);
-  validate("g", config.materials().g(), -kMaxAbsG, kMaxAbsG);
+  validate_materials(config);
   if (config.materials().sampling() == v1::MaterialChoice::GRID) validate_grid(config);
 }
 
@@ -355,10 +394,25 @@ double common_irradiance(const v1::DatasetConfig& config) {
 }
 
 v1::MaterialRange material_range(const v1::DatasetConfig& config) {
+  const v1::MaterialChoice& materials = config.materials();
+  const v1::Interval albedo = range_of(materials.albedo()), g = range_of(materials.g());
   v1::MaterialRange range;
-  *range.mutable_sigma_t() = range_of(config.materials().sigma_t());
-  *range.mutable_albedo() = range_of(config.materials().albedo());
-  *range.mutable_g() = range_of(config.materials().g());
+  *range.mutable_albedo() = albedo;
+  *range.mutable_g() = g;
+  v1::Interval& sigma_t = *range.mutable_sigma_t();
+  if (materials.has_sigma_s_reduced()) {
+    const v1::Interval reduced = range_of(materials.sigma_s_reduced());
+    sigma_t.set_min(reduced.min() / (albedo.max() * (1 - g.min())));
+    sigma_t.set_max(reduced.max() / (albedo.min() * (1 - g.max())));
+  } else {
+    sigma_t = range_of(materials.sigma_t());
+  }
+  if (materials.has_colours()) {
+    const v1::Interval ratio = range_of(materials.colours().scattering());
+    const double albedos = albedo.max() / albedo.min();
+    sigma_t.set_min(sigma_t.min() * std::min(1.0, ratio.min()) / albedos);
+    sigma_t.set_max(sigma_t.max() * std::max(1.0, ratio.max()) * albedos);
+  }
   return range;
 }
 

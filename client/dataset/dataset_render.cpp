@@ -25,7 +25,6 @@
 #include "client/render_pool/reply_images.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
-#include "common/random.h"
 #include "common/render_limits.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
@@ -36,10 +35,6 @@ namespace fs = std::filesystem;
 namespace {
 
 using google::protobuf::util::MessageDifferencer;
-
-// The branch of an item's seed for its pilot: not the random numbers of its image, nor of those it
-// is compared with.
-constexpr uint64_t kPilotBranch = 2;
 
 // The first lines of what differs, e.g. "modified: spp: 64 -> 256"; empty if nothing does.
 template <typename Message>
@@ -137,7 +132,7 @@ void set_up_folder(DatasetPlan& plan, const fs::path& folder, const std::stop_to
 bool is_rendered(const DatasetReader& dataset, const v1::DatasetItem& item, const fs::path& file) {
   if (!fs::exists(file)) return false;
   try {
-    dataset.image(item);
+    dataset.channels(item);
     return true;
   } catch (const Error& error) {
     spdlog::warn("rendering again: {}", error.what());
@@ -195,12 +190,17 @@ uint64_t dropped(const v1::Counters& counters) {
 std::map<std::string, Attribute> attributes_of(const v1::DatasetItem& item) {
   std::map<std::string, Attribute> attributes = {
       {attribute::kVersion, ITN_VERSION},
-      {attribute::kSigmaT, item.material().sigma_t()},
-      {attribute::kAlbedo, item.material().albedo()},
-      {attribute::kG, item.material().g()},
       {attribute::kShape, item.shape()},
       {attribute::kSplit, v1::Split_Name(item.split())},
   };
+  const auto add_truth = [&](const v1::Material& material, const std::string& channel) {
+    attributes[attribute::kSigmaT + channel] = material.sigma_t();
+    attributes[attribute::kAlbedo + channel] = material.albedo();
+    attributes[attribute::kG + channel] = material.g();
+  };
+  if (item.has_material()) add_truth(item.material(), "");
+  for (int c = 0; c < item.colours_size(); ++c)
+    add_truth(item.colours(c), fmt::format(".{}", kColourChannels[c]));
   if (item.light().has_sun_sky()) {
     attributes[attribute::kSunAzimuth] = item.light().sun_sky().sun_azimuth_degrees();
   }
@@ -216,28 +216,65 @@ void add_derivatives(const v1::RenderGradReply& reply, Image& image) {
   }
 }
 
-// The image of the group's item number `member`. The noise is that of the first one's; those of
+// What was rendered for a group, by channel of its images.
+struct RenderedGroup {
+  const Group* group = nullptr;
+  std::vector<uint32_t> spp = {};  // of each render
+  std::vector<v1::RenderGradReply> replies = {};
+  uint64_t invalid_samples = 0, leaks = 0;
+};
+
+// The channels of one that has no colours. The noise is that of the group's first item; those of
 // lower albedos have less.
-Image image_of(const DatasetReader& dataset, const Group& group, size_t member, uint32_t spp,
-               const v1::RenderGradReply& reply) {
+void add_luminance(const RenderedGroup& rendered, size_t member, Image& image) {
+  const v1::RenderGradReply& reply = rendered.replies.front();
+  image.channels["Y"] =
+      member == 0 ? mean_radiance(reply, rendered.spp.front())
+                  : from_bytes<float>(reply.estimates(0).at_albedos(static_cast<int>(member) - 1));
+  image.channels["stderr.Y"] = from_bytes<float>(reply.standard_error());
+}
+
+void add_colours(const RenderedGroup& rendered, Image& image) {
+  for (size_t c = 0; c < kColourChannels.size(); ++c) {
+    const std::string name = kColourChannels[c];
+    image.channels[name] = from_bytes<float>(rendered.replies[c].estimates(0).radiance());
+    image.channels["stderr." + name] = from_bytes<float>(rendered.replies[c].standard_error());
+  }
+}
+
+// Of the noisiest channel.
+double noise_of(const Image& image, bool in_colour) {
+  double most = 0;
+  for (const std::string name : {"Y", "R", "G", "B"}) {
+    if (in_colour == (name == "Y")) continue;
+    most = std::max(most, relative_noise(image.channel(name), image.channel("stderr." + name),
+                                         image.channel("mask.Y")));
+  }
+  return most;
+}
+
+// The image of the group's item number `member`.
+Image image_of(const DatasetReader& dataset, const RenderedGroup& rendered, size_t member) {
+  const Group& group = *rendered.group;
   const v1::DatasetItem& item = *group[member];
+  const v1::RenderGradReply& reply = rendered.replies.front();
+  const bool in_colour = !item.colours().empty();
   Image image;
   image.width = static_cast<int>(reply.width());
   image.height = static_cast<int>(reply.height());
-  image.channels["Y"] =
-      member == 0 ? mean_radiance(reply, spp)
-                  : from_bytes<float>(reply.estimates(0).at_albedos(static_cast<int>(member) - 1));
   image.channels["mask.Y"] = from_bytes<float>(reply.mask());
-  image.channels["stderr.Y"] = from_bytes<float>(reply.standard_error());
+  if (in_colour) {
+    add_colours(rendered, image);
+  } else {
+    add_luminance(rendered, member, image);
+  }
   if (dataset.manifest().config().derivatives()) add_derivatives(reply, image);
   image.attributes = attributes_of(item);
   image.attributes[attribute::kSeed] = std::to_string(group.front()->seed());
-  image.attributes[attribute::kSpp] = static_cast<int>(spp);
-  image.attributes[attribute::kRelativeNoise] =
-      relative_noise(image.channel("Y"), image.channel("stderr.Y"), image.channel("mask.Y"));
-  image.attributes[attribute::kInvalidSamples] =
-      static_cast<double>(reply.counters().invalid_samples());
-  image.attributes[attribute::kLeaks] = static_cast<double>(reply.counters().leaks());
+  image.attributes[attribute::kSpp] = static_cast<int>(std::ranges::max(rendered.spp));
+  image.attributes[attribute::kRelativeNoise] = noise_of(image, in_colour);
+  image.attributes[attribute::kInvalidSamples] = static_cast<double>(rendered.invalid_samples);
+  image.attributes[attribute::kLeaks] = static_cast<double>(rendered.leaks);
   image.attributes[attribute::kItem] = dataset.digest(item);
   image.attributes[attribute::kContents] = contents_digest(image);
   return image;
@@ -257,11 +294,6 @@ auto with_progress_in_error(const DatasetProgress& progress, const Action& actio
 // both under way that no worker is ever idle. What it renders does not depend on when.
 class GroupRenderer {
  public:
-  struct Rendered {
-    const Group* group;
-    uint32_t spp = 0;
-    v1::RenderGradReply reply;
-  };
   // Waits for a render, and throws what became of it.
   using Wait = std::function<v1::RenderGradReply(std::future<v1::RenderGradReply>&)>;
 
@@ -270,54 +302,78 @@ class GroupRenderer {
       : dataset_(dataset), config_(dataset.manifest().config()), groups_(groups), pool_(pool) {}
 
   // In the order of the groups; nothing after the last.
-  std::optional<Rendered> next(const Wait& wait) {
+  std::optional<RenderedGroup> next(const Wait& wait) {
     while (renders_.size() < ahead() && submit_next(wait)) {
     }
     if (renders_.empty()) return std::nullopt;
     Pending front = std::move(renders_.front());
     renders_.pop_front();
-    return Rendered{front.group, front.spp, wait(front.reply)};
+    RenderedGroup rendered{.group = front.group, .spp = front.spp};
+    std::vector<v1::RenderGradReply> replies = replies_of(front, wait);
+    for (const v1::RenderGradReply& reply : replies) {
+      rendered.invalid_samples += reply.counters().invalid_samples();
+      rendered.leaks += reply.counters().leaks();
+    }
+    rendered.replies = front.item.by_channel(std::move(replies));
+    return rendered;
   }
 
  private:
   struct Pending {
-    const Group* group;
-    std::shared_ptr<const SerializedScene> scene;  // of a pilot
-    uint32_t spp = 0;
-    std::future<v1::RenderGradReply> reply;
+    const Group* group = nullptr;
+    ItemRenders item;  // the first
+    std::vector<uint32_t> spp = {};
+    std::vector<std::future<v1::RenderGradReply>> replies = {};
   };
 
   // Workers may join and leave.
   size_t ahead() const { return 2 * static_cast<size_t>(pool_.parallelism()) + 1; }
 
+  static std::vector<v1::RenderGradReply> replies_of(Pending& pending, const Wait& wait) {
+    std::vector<v1::RenderGradReply> replies;
+    for (auto& reply : pending.replies) replies.push_back(wait(reply));
+    return replies;
+  }
+
   bool submit_next(const Wait& wait) {
     if (!config_.has_noise()) {
       if (next_ == groups_.size()) return false;
-      const Group& group = *groups_[next_++];
-      submit(group, dataset_.scene(*group.front()), config_.spp());
+      const Group* group = groups_[next_++];
+      Pending pending{.group = group, .item = {dataset_, *group->front()}};
+      pending.spp.assign(pending.item.count(), config_.spp());
+      submit(std::move(pending));
       return true;
     }
     for (; pilots_.size() < ahead() && next_ < groups_.size(); ++next_) {
-      const Group& group = *groups_[next_];
-      std::shared_ptr<const SerializedScene> scene = dataset_.scene(*group.front());
-      RenderJob pilot = pilot_job(scene, *group.front(), config_.noise());
-      pilots_.push_back({&group, std::move(scene), 0, pool_.submit(std::move(pilot))});
+      const Group* group = groups_[next_];
+      Pending pilot{.group = group, .item = {dataset_, *group->front()}};
+      for (size_t i = 0; i < pilot.item.count(); ++i) {
+        pilot.replies.push_back(pool_.submit(pilot.item.pilot(i, config_.noise())));
+      }
+      pilots_.push_back(std::move(pilot));
     }
     if (pilots_.empty()) return false;
     Pending pilot = std::move(pilots_.front());
     pilots_.pop_front();
-    const double noise = relative_noise(wait(pilot.reply));
-    submit(*pilot.group, std::move(pilot.scene), spp_for(config_.noise(), noise));
+    for (const v1::RenderGradReply& reply : replies_of(pilot, wait)) {
+      pilot.spp.push_back(spp_for(config_.noise(), relative_noise(reply)));
+    }
+    submit(std::move(pilot));
     return true;
   }
 
-  void submit(const Group& group, std::shared_ptr<const SerializedScene> scene, uint32_t spp) {
-    RenderJob job = render_job(std::move(scene), *group.front(), spp);
-    for (size_t i = 1; i < group.size(); ++i) {
-      job.request.add_albedos(group[i]->material().albedo());
+  // Its renders, whose samples are known.
+  void submit(Pending pending) {
+    pending.replies.clear();
+    for (size_t r = 0; r < pending.item.count(); ++r) {
+      RenderJob job = pending.item.job(r, pending.spp[r]);
+      for (size_t i = 1; i < pending.group->size(); ++i) {
+        job.request.add_albedos((*pending.group)[i]->material().albedo());
+      }
+      if (config_.derivatives()) ask_for_derivatives(job);
+      pending.replies.push_back(pool_.submit(std::move(job)));
     }
-    if (config_.derivatives()) ask_for_derivatives(job);
-    renders_.push_back({&group, nullptr, spp, pool_.submit(std::move(job))});
+    renders_.push_back(std::move(pending));
   }
 
   DatasetReader& dataset_;
@@ -344,31 +400,11 @@ void require_same_config(const v1::Dataset& existing, const v1::DatasetConfig& w
   if (!differences.empty()) throw another_dataset(folder, differences);
 }
 
-RenderJob render_job(std::shared_ptr<const SerializedScene> scene, const v1::DatasetItem& item,
-                     uint32_t spp) {
-  return job_of({.scene = std::move(scene),
-                 .material = from_proto(item.material()),
-                 .spp = spp,
-                 .seed = item.seed()});
-}
-
 void ask_for_derivatives(RenderJob& job) {
   job.request.set_estimates(kDerivativeEstimates);
   for (const v1::Parameter parameter : {v1::SIGMA_T, v1::ALBEDO, v1::G}) {
     job.request.add_derivatives(parameter);
   }
-}
-
-RenderJob pilot_job(std::shared_ptr<const SerializedScene> scene, const v1::DatasetItem& item,
-                    const v1::NoiseTarget& target) {
-  RenderJob job = render_job(std::move(scene), item, target.pilot_spp());
-  job.request.set_seed(derive_seed(item.seed(), {kPilotBranch}));
-  return job;
-}
-
-double relative_noise(const v1::RenderGradReply& reply) {
-  return relative_noise(from_bytes<float>(reply.estimates(0).radiance()),
-                        from_bytes<float>(reply.standard_error()), from_bytes<float>(reply.mask()));
 }
 
 DatasetProgress render_dataset(DatasetPlan plan, const fs::path& folder, RenderPool& pool,
@@ -414,7 +450,7 @@ DatasetProgress render_dataset(DatasetPlan plan, const fs::path& folder, RenderP
     const Group& group = *rendered->group;
     for (size_t member = 0; member < group.size(); ++member) {
       if (missing.contains(group[member])) {
-        const Image image = image_of(dataset, group, member, rendered->spp, rendered->reply);
+        const Image image = image_of(dataset, *rendered, member);
         with_progress_in_error(progress, [&] { write_exr(folder / group[member]->file(), image); });
         ++progress.done;
         report(progress);

@@ -6,6 +6,7 @@
 #include <stop_token>
 
 #include "client/dataset/dataset.h"
+#include "client/dataset/item_render.h"
 #include "client/dataset/plan.h"
 #include "client/render_pool/render_pool.h"
 
@@ -25,20 +26,8 @@ struct DatasetProgress {
 void require_same_config(const v1::Dataset& existing, const v1::DatasetConfig& wanted,
                          const std::filesystem::path& folder);
 
-// The render of an item: of the object alone, as a network does not see the floor.
-RenderJob render_job(std::shared_ptr<const SerializedScene> scene, const v1::DatasetItem& item,
-                     uint32_t spp);
-
 // The images that `derivatives` in DatasetConfig asks for, beside those that the job has.
 void ask_for_derivatives(RenderJob& job);
-
-// The coarse render by which the samples of an item are chosen (noise.h), with random numbers of
-// its own.
-RenderJob pilot_job(std::shared_ptr<const SerializedScene> scene, const v1::DatasetItem& item,
-                    const v1::NoiseTarget& target);
-
-// The noise of a reply's image.
-double relative_noise(const v1::RenderGradReply& reply);
 
 // Writes shapes and manifest, then renders what is missing. An image that is there and whole is
 // kept, so that a call that was interrupted or killed is continued by the next; images do not

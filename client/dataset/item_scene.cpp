@@ -155,7 +155,7 @@ void add_panorama(v1::Scene& scene, const v1::Panorama& panorama, const v1::Pixe
   v1::EnvironmentMap& map = *scene.add_lights()->mutable_environment_map();
   *map.mutable_pixels() = *pixels;
   map.set_scale(panorama.irradiance());
-  if (channel != v1::Film::LUMINANCE) {
+  if (channel != v1::Film::LUMINANCE && channel != v1::Film::RGB) {
     const double irradiance = irradiance_from_above(*pixels, channel);
     if (!(irradiance > 0)) {
       throw invalid_input(fmt::format("the panorama {} is black above the horizon in {}",
@@ -229,9 +229,18 @@ void check_item(const v1::DatasetItem& item, const std::string& path) {
   check_message(item, path);
   if (item.has_rotation()) non_zero(path + ".rotation.axis", item.rotation().axis());
   if (item.light().has_studio()) check_studio(item.light().studio(), path + ".light.studio");
-  if (!v1::Film::Channel_IsValid(item.channel()) || item.channel() == v1::Film::RGB) {
-    throw invalid_input(fmt::format("{}.channel is {}; it must be LUMINANCE, RED, GREEN or BLUE",
-                                    path, static_cast<int>(item.channel())));
+  if (!v1::Film::Channel_IsValid(item.channel())) {
+    throw invalid_input(
+        fmt::format("{}.channel is {}; it must be LUMINANCE, RED, GREEN, BLUE or RGB", path,
+                    static_cast<int>(item.channel())));
+  }
+  const bool in_colour = item.channel() == v1::Film::RGB;
+  if (item.colours_size() != (in_colour ? kMaxMaterials : 0) ||
+      (in_colour && item.has_material())) {
+    throw invalid_input(fmt::format(
+        "{} has the channel {} and {} colours; RGB goes with three and no material, any other "
+        "with none",
+        path, v1::Film::Channel_Name(item.channel()), item.colours_size()));
   }
 }
 

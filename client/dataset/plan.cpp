@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include "client/dataset/choices.h"
+#include "client/dataset/colour_media.h"
 #include "client/dataset/distribution.h"
 #include "client/dataset/item_scene.h"
 #include "common/error.h"
@@ -19,14 +20,22 @@
 namespace itn {
 namespace {
 
-v1::Material draw_material(const v1::MaterialChoice& materials, const Choices& choices) {
+// Draws the material, which in colour is that of green.
+Material draw_material(const v1::MaterialChoice& materials, const Choices& choices) {
   std::array<double, 3> u = choices.point(kMaterial);
   if (materials.sampling() == v1::MaterialChoice::RANDOM) {
     SplitMix random = choices.random(kMaterial);
     for (double& number : u) number = random.uniform();
   }
-  return to_proto({quantile(materials.sigma_t(), u[0]), quantile(materials.albedo(), u[1]),
-                   quantile(materials.g(), u[2])});
+  Material material{.albedo = quantile(materials.albedo(), u[1]),
+                    .g = quantile(materials.g(), u[2])};
+  if (materials.has_sigma_s_reduced()) {
+    material.sigma_t =
+        quantile(materials.sigma_s_reduced(), u[0]) / (material.albedo * (1 - material.g));
+  } else {
+    material.sigma_t = quantile(materials.sigma_t(), u[0]);
+  }
+  return material;
 }
 
 v1::Rotation axis_rotation(double x, double y, double z, double degrees) {
@@ -73,9 +82,10 @@ const v1::Distribution& azimuths_of(const v1::SunSkyChoice& sun, v1::Split split
                                                                    : sun.azimuth_degrees();
 }
 
-// Makes what a film shows of sun and sky so bright.
+// Makes what a film shows of sun and sky so bright; in colour, its luminance.
 void give_irradiance(v1::SunSky& sun, float irradiance, v1::Film::Channel channel) {
-  const double unscaled = irradiance_from_above(sun, channel);
+  const double unscaled =
+      irradiance_from_above(sun, channel == v1::Film::RGB ? v1::Film::LUMINANCE : channel);
   sun.set_sun_scale(static_cast<float>(irradiance / unscaled));
   sun.set_sky_scale(static_cast<float>(irradiance / unscaled));
 }
@@ -253,6 +263,7 @@ void draw_boundary(const v1::BoundaryChoice& choice, const Choices& choices,
 }
 
 v1::Film::Channel draw_channel(const v1::DatasetConfig& config, const Choices& choices) {
+  if (config.materials().has_colours()) return v1::Film::RGB;
   if (choices.number(derive_seed(kChannel, {0})) >= config.coloured()) return v1::Film::LUMINANCE;
   constexpr std::array kColours = {v1::Film::RED, v1::Film::GREEN, v1::Film::BLUE};
   return kColours.at(choices.in_turn(derive_seed(kChannel, {1}), kColours.size()));
@@ -365,7 +376,14 @@ v1::DatasetItem plan_item(const v1::DatasetConfig& config, const NameSplit& shap
   const std::vector<std::string>& names = shapes.names(place.split);
   v1::DatasetItem item = draw_scene(
       config, place.split, names.at(choices.in_turn(kShape, names.size())), panoramas, choices);
-  *item.mutable_material() = draw_material(config.materials(), choices);
+  const Material material = draw_material(config.materials(), choices);
+  if (config.materials().has_colours()) {
+    for (const Material& colour : draw_colours(config.materials(), material, choices)) {
+      *item.add_colours() = to_proto(colour);
+    }
+  } else {
+    *item.mutable_material() = to_proto(material);
+  }
   set_number(item, config, index);
   return item;
 }

@@ -18,6 +18,13 @@ double determinant(const Jacobian& j) {
          j[0][2] * (j[1][0] * j[2][1] - j[1][1] * j[2][0]);
 }
 
+// By sigma_t at this albedo and g, however it is drawn.
+double density_of_sigma_t(const v1::MaterialChoice& materials, const Material& material) {
+  if (!materials.has_sigma_s_reduced()) return density(materials.sigma_t(), material.sigma_t);
+  return density(materials.sigma_s_reduced(), material.sigma_s_reduced()) * material.albedo *
+         (1 - material.g);
+}
+
 // Similar materials are a curve along g. A step of it weighs what the distributions hold there: in
 // reduced coordinates, their density times the volume that the change of coordinates makes.
 Material mean_of_similar(const Material& material, const v1::MaterialChoice& materials) {
@@ -28,7 +35,7 @@ Material mean_of_similar(const Material& material, const v1::MaterialChoice& mat
   for (int i = 0; i < kSteps; ++i) {
     coordinates[2] = range.min() + (range.max() - range.min()) * (i + 0.5) / kSteps;
     const Material similar = from_coordinates(v1::SIMILARITY, coordinates);
-    const double weight = density(materials.sigma_t(), similar.sigma_t) *
+    const double weight = density_of_sigma_t(materials, similar) *
                           density(materials.albedo(), similar.albedo) *
                           density(materials.g(), similar.g) *
                           std::abs(determinant(jacobian(v1::SIMILARITY, coordinates)));
@@ -48,7 +55,8 @@ Material mean_of_similar(const Material& material, const v1::MaterialChoice& mat
 std::optional<std::vector<Material>> similarity_predictions(const LabelledImages& images,
                                                             const v1::MaterialChoice& materials) {
   if (materials.sampling() == v1::MaterialChoice::GRID || is_list(materials.sigma_t()) ||
-      is_list(materials.albedo()) || is_list(materials.g())) {
+      is_list(materials.sigma_s_reduced()) || is_list(materials.albedo()) ||
+      is_list(materials.g())) {
     return std::nullopt;
   }
   std::vector<Material> predictions;

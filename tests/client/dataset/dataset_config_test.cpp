@@ -74,6 +74,30 @@ TEST(DatasetConfig, PresetsAreValidAndReadBackEqual) {
                [] { preset_config("indoor"); });
 }
 
+TEST(DatasetConfig, MaterialsSayHowDenseTheyAreOnce) {
+  const auto expect = [](const std::string& message, const std::string& materials) {
+    expect_error(ErrorKind::kInvalidInput, message,
+                 [&] { validate(parsed("materials { " + materials + " }")); });
+  };
+  const std::string reduced = "sigma_s_reduced { log_uniform { min: 5 max: 400 } } ";
+  EXPECT_NO_THROW(validate(parsed("materials { " + reduced + "}")));
+  EXPECT_FALSE(parsed("materials { " + reduced + "}").materials().has_sigma_t());
+  expect("there are sigma_t and sigma_s_reduced", reduced + "sigma_t { fixed: 1 }");
+  expect("the albedo begins at 0", reduced + "albedo { uniform { max: 1 } }");
+  expect("materials may have a sigma_t from", "sigma_s_reduced { fixed: 1e5 } g { fixed: 0.95 }");
+  expect("gray is 0.8 and measured 0.5", "colours { gray: 0.8 measured: 0.5 }");
+  expect("scattering is 200", "colours { scattering { fixed: 200 } }");
+  expect("a grid takes sigma_t",
+         "sampling: GRID sigma_t { fixed: 1 } albedo { fixed: 0.5 } g { fixed: 0 } colours {}");
+  // Bounds follow.
+  const v1::Interval sigma_t =
+      material_range(parsed("materials { " + reduced +
+                            "albedo { uniform { min: 0.5 max: 1 } } g { uniform { max: 0.9 } } }"))
+          .sigma_t();
+  EXPECT_DOUBLE_EQ(sigma_t.min(), 5);
+  EXPECT_NEAR(sigma_t.max(), 400 / (0.5 * 0.1), 1e-6);
+}
+
 TEST(DatasetConfig, WhatIsAbsentIsThePapers) {
   EXPECT_EQ(to_text_proto(parsed("")), to_text_proto(preset_config("paper")));
   const v1::DatasetConfig config = parsed(

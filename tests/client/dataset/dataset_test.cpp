@@ -86,6 +86,56 @@ TEST_F(DatasetFolder, HoldsDerivativeImagesOfTwoHalvesOfTheSamples) {
   }
 }
 
+// One render for three colours, or one for each: both show what renders of single colours show.
+TEST_F(DatasetFolder, ShowsMediaInColour) {
+  v1::DatasetConfig config = small_config();
+  config.clear_spp();
+  config.mutable_noise()->set_target(0.08);
+  v1::MaterialChoice& materials = *config.mutable_materials();
+  *materials.mutable_albedo() = uniform(0.9, 0.98);
+  *materials.mutable_g() = uniform(0, 0.8);
+  auto& ratios = *materials.mutable_colours()->mutable_scattering()->mutable_one_of();
+  for (const double ratio : {1.1, 5.0}) ratios.add_value(ratio);
+  materials.mutable_colours()->set_gray(0);
+  set_defaults(config);
+  render(plan_dataset(config, few_shapes()));
+  DatasetReader reader(folder_);
+  RenderPool pool({});
+  std::map<size_t, int> renders;
+  std::vector<double> z;
+  for (const v1::DatasetItem& item : reader.manifest().items()) {
+    ++renders[ItemRenders(reader, item).count()];
+    const std::vector<DatasetImage> channels = reader.channels(item);
+    ASSERT_EQ(channels.size(), 3);
+    for (size_t c = 0; c < channels.size(); ++c) {
+      const auto colour = static_cast<v1::Film::Channel>(v1::Film::RED + c);
+      v1::DatasetItem one = item;
+      *one.mutable_material() = item.colours(static_cast<int>(c));
+      one.clear_colours();
+      one.set_seed(item.seed() + 1 + c);
+      const v1::RenderGradReply reply =
+          pool.submit(render_job(reader.scene(item, colour), one, 128)).get();
+      const auto again = from_bytes<float>(reply.estimates(0).radiance());
+      const auto error = from_bytes<float>(reply.standard_error());
+      double difference = 0, variance = 0;
+      for (size_t p = 0; p < again.size(); ++p) {
+        difference += channels[c].radiance[p] - again[p];
+        variance += std::pow(channels[c].standard_error[p], 2) + std::pow(error[p], 2);
+      }
+      z.push_back(difference / std::sqrt(variance));
+    }
+    EXPECT_GT(channels[0].relative_noise, 0.01);
+    EXPECT_LT(channels[0].relative_noise, 0.12);
+    EXPECT_NE(channels[0].radiance, channels[2].radiance);
+    expect_error(ErrorKind::kInvalidInput, "is in colour", [&] { reader.image(item); });
+  }
+  // Both ways have been gone.
+  EXPECT_GE(renders[1], 1);
+  EXPECT_GE(renders[3], 1);
+  // The standard error is an upper bound. 4.1: once in 24,000 for a normal number.
+  for (const double one : z) EXPECT_LT(std::abs(one), 4.1);
+}
+
 TEST_F(DatasetFolder, WithoutDerivativeImagesSaysHowToHaveThem) {
   render(plan_);
   DatasetReader reader(folder_);

@@ -303,8 +303,12 @@ TEST(ItemScene, ChecksWhatItsSizeFollowsFrom) {
     testing::expect_error(ErrorKind::kInvalidInput, {message}, [&] { check(change); });
   };
   EXPECT_NO_THROW(check([](auto&, auto&) {}));
-  expect_refused("items[0].channel is 4; it must be LUMINANCE, RED, GREEN or BLUE",
+  expect_refused("items[0].channel is 9; it must be LUMINANCE, RED, GREEN, BLUE or RGB",
+                 [](auto& item, auto&) { item.set_channel(static_cast<v1::Film::Channel>(9)); });
+  expect_refused("items[0] has the channel RGB and 0 colours",
                  [](auto& item, auto&) { item.set_channel(v1::Film::RGB); });
+  expect_refused("items[0] has the channel LUMINANCE and 1 colours",
+                 [](auto& item, auto&) { item.add_colours(); });
   for (const float size : {0.0F, 1e-9F, 121.0F}) {
     expect_refused("items[0].light.studio.emitters[0].size_degrees is",
                    [&](auto&, auto& emitter) { emitter.set_size_degrees(size); });

@@ -6,11 +6,14 @@
 #include <cmath>
 #include <iterator>
 #include <numbers>
+#include <numeric>
 #include <set>
 
 #include "client/dataset/dataset.h"
 #include "client/dataset/distribution.h"
 #include "client/dataset/item_scene.h"
+#include "client/scene/text_proto.h"
+#include "common/scene/material_proto.h"
 #include "common/vec.h"
 #include "server/scene_compiler/scene_builder.h"
 #include "server/tracer/lights/sun_sky_irradiance.h"
@@ -621,6 +624,86 @@ TEST(DatasetPlan, GridIsThePapers) {
   }
   EXPECT_EQ(scenes.size(), 4 * 4 + 1 * 6);
   EXPECT_EQ(materials_seen.size(), 300);
+}
+
+// --- Media in colour ---
+
+v1::DatasetConfig colour_config(uint32_t count) {
+  v1::DatasetConfig config;
+  parse_text_proto(
+      "materials { sigma_s_reduced { log_uniform { min: 5 max: 400 } }"
+      "  albedo { complement_log_uniform { min: 0.3 max: 0.9999 } }"
+      "  g { uniform { min: -0.1 max: 0.95 } } colours { gray: 0.25 measured: 0.25 } }",
+      "test", config);
+  config.set_count(count);
+  set_defaults(config);
+  return config;
+}
+
+std::vector<Material> colours_of(const v1::DatasetItem& item) {
+  std::vector<Material> colours;
+  for (const v1::Material& colour : item.colours()) colours.push_back(from_proto(colour));
+  return colours;
+}
+
+TEST(DatasetPlan, ColoursAreDrawnAroundGreen) {
+  constexpr int kItems = 4096;
+  const v1::DatasetConfig config = colour_config(kItems);
+  const v1::Dataset manifest = plan_dataset(config, nameless(5)).manifest;
+  const v1::MaterialRange range = material_range(config);
+  std::vector<double> reduced, red;
+  int gray = 0;
+  for (const v1::DatasetItem& item : manifest.items()) {
+    EXPECT_EQ(item.channel(), v1::Film::RGB);
+    EXPECT_FALSE(item.has_material());
+    const std::vector<Material> colours = colours_of(item);
+    ASSERT_EQ(colours.size(), 3);
+    for (const Material& colour : colours) {
+      EXPECT_NO_THROW(validate(colour));
+      EXPECT_EQ(colour.g, colours[1].g);
+      EXPECT_GE(colour.albedo, 0.3 - 1e-12);
+      EXPECT_LE(colour.albedo, 0.9999 + 1e-12);
+      EXPECT_GE(colour.sigma_t, range.sigma_t().min());
+      EXPECT_LE(colour.sigma_t, range.sigma_t().max());
+      const double ratio = colour.sigma_s() / colours[1].sigma_s();
+      EXPECT_TRUE(ratio > 0.5 - 1e-6 && ratio < 2 + 1e-6) << ratio;
+    }
+    reduced.push_back(std::log(colours[1].sigma_s_reduced()));
+    if (colours[0] == colours[1] && colours[2] == colours[1]) {
+      ++gray;
+    } else {
+      red.push_back(std::log(colours[0].sigma_s() / colours[1].sigma_s()));
+    }
+  }
+  // Three in four are around green or gray, and a third of those is gray.
+  EXPECT_NEAR(gray, kItems / 4, kItems / 40);
+  const auto mean = [](const std::vector<double>& values) {
+    return std::reduce(values.begin(), values.end()) / static_cast<double>(values.size());
+  };
+  EXPECT_NEAR(mean(reduced), std::log(std::sqrt(5 * 400.0)), 0.02);
+  // The logarithm of the ratio has a mean of 0, but for those that are measured; it has not one
+  // value.
+  EXPECT_NEAR(mean(red), 0, 0.1);
+  EXPECT_GT(std::set<double>(red.begin(), red.end()).size(), red.size() / 2);
+}
+
+TEST(DatasetPlan, MeasuredMediaKeepTheRatiosOfTheirColours) {
+  v1::DatasetConfig config = colour_config(200);
+  config.mutable_materials()->mutable_colours()->set_gray(0);
+  config.mutable_materials()->mutable_colours()->set_measured(1);
+  const v1::Dataset manifest = plan_dataset(config, nameless(5)).manifest;
+  int milk = 0;
+  for (const v1::DatasetItem& item : manifest.items()) {
+    const std::vector<Material> c = colours_of(item);
+    // Of skim milk: sigma_a .0014, .0025 and .0142, sigma_s (1 - g) .7, 1.22 and 1.9.
+    const double red = c[0].sigma_s_reduced() / c[1].sigma_s_reduced();
+    const double absorbed = c[1].sigma_a() / c[1].sigma_s_reduced();
+    if (std::abs(red - 0.7 / 1.22) > 1e-6 || std::abs(absorbed - 0.0025 / 1.22) > 1e-6) continue;
+    EXPECT_NEAR(c[2].sigma_s_reduced() / c[1].sigma_s_reduced(), 1.9 / 1.22, 1e-6);
+    EXPECT_NEAR(c[2].sigma_a() / c[1].sigma_a(), 0.0142 / 0.0025, 1e-6);
+    ++milk;
+  }
+  EXPECT_GE(milk, 1);
 }
 
 TEST(DatasetPlan, IsAFunctionOfItsConfiguration) {
