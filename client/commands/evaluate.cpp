@@ -107,11 +107,15 @@ void write_picture(const EvaluateOptions& options, const LabelledImages& images,
                    const EvaluatedRow& candidate, DatasetReader& dataset, RenderPool& pool) {
   std::vector<PanelRow> rows;
   for (const size_t i : spread(options.picture_items, images.items.size())) {
-    const std::vector<float> input = images.read(i).radiance;
-    const std::vector<float> rendered = rerender(
-        dataset, pool, *images.items[i], candidate.predictions[i], options.spp, interruption());
-    rows.push_back(
-        compared(input, rendered, images.resolution, images.resolution, white_level(input)));
+    const std::vector<DatasetImage> channels = read_channels(images, i);
+    for (size_t c = 0; c < channels.size(); ++c) {
+      const std::vector<float>& input = channels[c].radiance;
+      const std::vector<float> rendered =
+          rerender(dataset, pool, *images.items[i], candidate.predictions[i * images.channels + c],
+                   options.spp, interruption(), c);
+      rows.push_back(
+          compared(input, rendered, images.resolution, images.resolution, white_level(input)));
+    }
   }
   write_panels(options.picture, rows);
 }
@@ -177,24 +181,27 @@ void print_examples(uint32_t count, const EvaluatedRow& candidate, const Labelle
                candidate.row.name());
   int held = 0, intervals = 0;
   for (const size_t i : spread(count, images.items.size())) {
-    const Material truth = from_proto(images.items[i]->material());
-    const MaterialEstimate& estimate = candidate.estimates[i];
-    print_result("  {}:", images.items[i]->file());
-    const auto print_one = [&](size_t k, const char* name, double true_value, double answer,
-                               int decimals) {
-      print_result("  {} {:.{}f}, truth {:.{}f}", name, answer, decimals, true_value, decimals);
-      if (!estimate.posterior) return;
-      const ParameterPosterior& p = estimate.posterior->material.parameters[k];
-      const bool holds = p.low <= true_value && true_value <= p.high;
-      print_result(" in {:.{}f} to {:.{}f}{}", p.low, decimals, p.high, decimals,
-                   holds ? "" : " *");
-      ++intervals;
-      held += holds ? 1 : 0;
-    };
-    print_one(0, "sigma_t", truth.sigma_t, estimate.material.sigma_t, 0);
-    print_one(1, "albedo", truth.albedo, estimate.material.albedo, 2);
-    print_one(2, "g", truth.g, estimate.material.g, 2);
-    print_result("\n");
+    for (size_t c = 0; c < images.channels; ++c) {
+      const Material& truth = images.truth_of(i)[c];
+      const MaterialEstimate& estimate = candidate.estimates[i * images.channels + c];
+      print_result("  {}{}:", images.items[i]->file(),
+                   images.channels > 1 ? fmt::format(" {}", kColourChannels.at(c)) : "");
+      const auto print_one = [&](size_t k, const char* name, double true_value, double answer,
+                                 int decimals) {
+        print_result("  {} {:.{}f}, truth {:.{}f}", name, answer, decimals, true_value, decimals);
+        if (!estimate.posterior) return;
+        const ParameterPosterior& p = estimate.posterior->material.parameters[k];
+        const bool holds = p.low <= true_value && true_value <= p.high;
+        print_result(" in {:.{}f} to {:.{}f}{}", p.low, decimals, p.high, decimals,
+                     holds ? "" : " *");
+        ++intervals;
+        held += holds ? 1 : 0;
+      };
+      print_one(0, "sigma_t", truth.sigma_t, estimate.material.sigma_t, 0);
+      print_one(1, "albedo", truth.albedo, estimate.material.albedo, 2);
+      print_one(2, "g", truth.g, estimate.material.g, 2);
+      print_result("\n");
+    }
   }
   if (intervals > 0) {
     print_result("  {} of {} intervals hold the truth; 90 % of all should.\n", held, intervals);

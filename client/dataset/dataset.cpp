@@ -220,6 +220,11 @@ std::vector<DatasetImage> DatasetReader::channels(const v1::DatasetItem& item) c
   return channels;
 }
 
+std::array<double, 3> DatasetReader::white(const v1::DatasetItem& item) {
+  const v1::DatasetPanorama* panorama = panorama_of(item);
+  return white_of(item, panorama == nullptr ? nullptr : &pixels_.get(folder_, *panorama));
+}
+
 DerivativeImages DatasetReader::derivatives(const v1::DatasetItem& item) const {
   require(manifest_.config().derivatives(),
           fmt::format("{} has no derivative images; itn dataset --derivatives makes one that has",

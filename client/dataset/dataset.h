@@ -101,6 +101,9 @@ class DatasetReader {
   // The image by channel: luminance, or red, green and blue. Throws likewise.
   std::vector<DatasetImage> channels(const v1::DatasetItem& item) const;
 
+  // What is white in the light of an item (white_of()).
+  std::array<double, 3> white(const v1::DatasetItem& item);
+
   // Reads the derivative images of a dataset that has them (Error, invalid input, otherwise);
   // throws as image().
   DerivativeImages derivatives(const v1::DatasetItem& item) const;

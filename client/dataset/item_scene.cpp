@@ -15,6 +15,7 @@
 #include "common/error.h"
 #include "common/scene/field_check.h"
 #include "common/vec.h"
+#include "server/renderer.h"
 
 namespace itn {
 namespace {
@@ -242,6 +243,21 @@ void check_item(const v1::DatasetItem& item, const std::string& path) {
         "with none",
         path, v1::Film::Channel_Name(item.channel()), item.colours_size()));
   }
+}
+
+std::array<double, 3> white_of(const v1::DatasetItem& item, const v1::Pixels* panorama) {
+  const auto over_luminance = [](const auto& light) {
+    const double luminance = irradiance_from_above(light, v1::Film::LUMINANCE);
+    std::array<double, 3> white{};
+    for (const v1::Film::Channel colour : {v1::Film::RED, v1::Film::GREEN, v1::Film::BLUE}) {
+      white.at(static_cast<size_t>(colour - v1::Film::RED)) =
+          irradiance_from_above(light, colour) / luminance;
+    }
+    return white;
+  };
+  if (item.light().has_sun_sky()) return over_luminance(item.light().sun_sky());
+  if (item.light().has_panorama() && panorama != nullptr) return over_luminance(*panorama);
+  return {1, 1, 1};  // the others are gray
 }
 
 v1::Scene scene_of(const v1::DatasetItem& item, const v1::Triangles& triangles, uint32_t resolution,

@@ -1,6 +1,7 @@
 // The scene of an item.
 #pragma once
 
+#include <array>
 #include <string>
 
 #include "itn/v1/dataset.pb.h"
@@ -16,6 +17,10 @@ void check_item(const v1::DatasetItem& item, const std::string& path);
 // Whether some of a lamp may be in the picture that a camera takes, of a scene without anything
 // else.
 bool may_be_seen(const v1::Lamp& lamp, const v1::ItemCamera& camera);
+
+// The irradiance of what lights an item on a surface that faces up, in red, green and blue, over
+// its luminance: what a camera should take for white. `panorama` as below.
+std::array<double, 3> white_of(const v1::DatasetItem& item, const v1::Pixels* panorama = nullptr);
 
 // The scene of an item that check_item() lets pass. `triangles`: its shape, as the file in a
 // dataset has it. `resolution`: pixels a side. `panorama`: likewise, where one lights the item.

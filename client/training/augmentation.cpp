@@ -15,7 +15,15 @@ namespace itn {
 namespace {
 
 // Draws do not depend on each other: a choice that is switched off changes none of the rest.
-enum AugmentationChoice : uint64_t { kMirror, kShift, kExposure, kNoiseLevel, kNoise, kCamera };
+enum AugmentationChoice : uint64_t {
+  kMirror,
+  kShift,
+  kExposure,
+  kNoiseLevel,
+  kNoise,
+  kCamera,
+  kWhiteBalance
+};
 
 // With planes of their own.
 ImageBatch copied(ImageBatch images) {
@@ -39,10 +47,19 @@ torch::Tensor shifted(const torch::Tensor& image, int64_t dx, int64_t dy) {
   return result;
 }
 
+// Calls `change` with a plane of the image and all that belongs to it: tensors of size x size,
+// which it writes into.
+template <typename Change>
+void change_image(const ImageBatch& images, int64_t image, const Change& change) {
+  for (int64_t p = image * images.channels; p < (image + 1) * images.channels; ++p) {
+    for (const torch::Tensor& planes : planes_of(images)) change(planes[p]);
+  }
+}
+
 void mirror(const ImageBatch& images, SplitMix random) {
   for (int64_t i = 0; i < images.size(); ++i) {
     if (random.uniform() < 0.5) {
-      for (const torch::Tensor& plane : planes_of(images)) plane[i] = plane[i].flip(-1);
+      change_image(images, i, [](const torch::Tensor& plane) { plane.copy_(plane.flip(-1)); });
     }
   }
 }
@@ -53,7 +70,8 @@ void shift(const ImageBatch& images, uint32_t pixels, SplitMix random) {
   };
   for (int64_t i = 0; i < images.size(); ++i) {
     const int64_t dx = offset(), dy = offset();
-    for (const torch::Tensor& plane : planes_of(images)) plane[i] = shifted(plane[i], dx, dy);
+    change_image(images, i,
+                 [&](const torch::Tensor& plane) { plane.copy_(shifted(plane, dx, dy)); });
   }
 }
 
@@ -78,6 +96,7 @@ void require_in(const char* name, double value, double low, double high) {
 void validate(const v1::Augmentation& augmentation) {
   require_in("shift", augmentation.shift(), 0, 64);
   require_in("exposure", augmentation.exposure(), 0, 3);
+  require_in("white_balance", augmentation.white_balance(), 0, 1);
   require_in("noise.max", augmentation.noise().max(), 0, 1);
   require_in("noise.min", augmentation.noise().min(), 0, augmentation.noise().max());
   require_in("first_order_step", augmentation.first_order_step(), 0, 2);
@@ -100,13 +119,19 @@ ImageBatch augmented(const ImageBatch& images, const v1::Augmentation& augmentat
   if (augmentation.shift() > 0) shift(result, augmentation.shift(), random(kShift));
   result = with_camera_effects(result, augmentation.camera(), derive_seed(seed, {kCamera}));
   if (augmentation.exposure() > 0) {
-    result.luminance =
-        result.luminance *
-        per_image((torch::randn({count}, generator(kExposure)) * augmentation.exposure()).exp());
+    const torch::Tensor factor =
+        (torch::randn({count}, generator(kExposure)) * augmentation.exposure()).exp();
+    result.luminance = result.luminance * per_plane(for_planes(factor, images.channels));
+  }
+  if (augmentation.white_balance() > 0 && images.channels > 1) {
+    const torch::Tensor factor =
+        (torch::randn({images.planes()}, generator(kWhiteBalance)) * augmentation.white_balance())
+            .exp();
+    result.luminance = result.luminance * per_plane(factor);
   }
   if (augmentation.noise().max() > 0) {
     const torch::Tensor level = noise_levels(augmentation.noise(), count, random(kNoiseLevel));
-    result = brought_up_to_noise(result, level,
+    result = brought_up_to_noise(result, for_planes(level, images.channels),
                                  torch::randn(result.luminance.sizes(), generator(kNoise)));
   }
   return result;

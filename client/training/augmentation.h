@@ -13,7 +13,8 @@ namespace itn {
 void validate(const v1::Augmentation& augmentation);
 
 // Each image mirrored, shifted, seen through a camera (camera_augmentation.h), made brighter or
-// darker and noisier, as `augmentation` says; noise must be defined. A function of its arguments
+// darker, of another white balance and noisier, as `augmentation` says; noise must be defined. A
+// function of its arguments
 // alone. The result may share storage with the input, which stays as it is.
 //
 // Noise is added last: to the luminance of each pixel a normal number times the luminance, so that

@@ -1,5 +1,7 @@
 #include "client/training/batches.h"
 
+#include <algorithm>
+#include <iterator>
 #include <numeric>
 
 #include "common/random.h"
@@ -42,7 +44,7 @@ TrainingImages DatasetBatches::batch_at(uint64_t step, uint32_t size) {
   TrainingImages result;
   for (const uint32_t i : sampler_.batch(step, size - without)) {
     result.items.push_back(items_[i]);
-    result.truth.push_back(images_.truth[items_[i]]);
+    std::ranges::copy(images_.truth_of(items_[i]), std::back_inserter(result.truth));
   }
   if (without > 0) {
     for (const uint32_t i : other_sampler_->batch(step, without))

@@ -16,7 +16,7 @@ namespace itn {
 struct TrainingImages {
   std::vector<uint32_t> items;  // their numbers in the LabelledImages
   ImageBatch images;
-  std::vector<Material> truth;  // of the first of them; the others have no label
+  std::vector<Material> truth;  // by channel, of the first of them; the others have no label
 };
 
 class Batches {

@@ -35,12 +35,17 @@ constexpr double kBrightestBackground = 3;  // over the object's mean
 // Pixels that are nothing but noise have infinitely much of it; so much is as good.
 constexpr double kMaxNoise = 100;
 
-// Numbers for some images of a batch, which do not depend on what others of it there are.
+// Numbers for the planes of some images of a batch, which do not depend on what others of it there
+// are. Planes of an image have the same.
 class Draws {
  public:
-  Draws(uint64_t seed, int64_t count) : seed_(seed), count_(count), which_(torch::arange(count)) {}
+  Draws(uint64_t seed, const ImageBatch& images)
+      : seed_(seed),
+        count_(images.size()),
+        channels_(images.channels),
+        which_(torch::arange(images.planes())) {}
 
-  // For these of its images alone.
+  // For these planes alone.
   Draws subset(const torch::Tensor& which) const {
     Draws some = *this;
     some.which_ = which;
@@ -66,18 +71,13 @@ class Draws {
     torch::Tensor numbers = torch::empty({count_});
     auto values = numbers.accessor<float, 1>();
     for (int64_t i = 0; i < count_; ++i) values[i] = static_cast<float>(draw(random));
-    return numbers.index_select(0, which_);
+    return for_planes(numbers, channels_).index_select(0, which_);
   }
 
   uint64_t seed_;
-  int64_t count_;
+  int64_t count_, channels_;
   torch::Tensor which_;
 };
-
-// Over the object: one number for each image.
-torch::Tensor object_mean(const torch::Tensor& luminance, const torch::Tensor& mask) {
-  return (luminance * mask).sum({1, 2}, true) / mask.sum({1, 2}, true).clamp_min(kNothing);
-}
 
 // --- The object's part of each pixel, and what comes from there ---
 
@@ -116,7 +116,7 @@ torch::Tensor gaussians(const torch::Tensor& sigma, int64_t size) {
   const torch::Tensor distance = at.unsqueeze(1) - at;
   constexpr double kSharp = 0.05;  // pixels: no neighbour gets anything
   const torch::Tensor weights =
-      torch::exp(distance.square() / (-2 * per_image(sigma.clamp_min(kSharp)).square()));
+      torch::exp(distance.square() / (-2 * per_plane(sigma.clamp_min(kSharp)).square()));
   return weights / weights.sum(-1, true);
 }
 
@@ -153,7 +153,7 @@ torch::Tensor widened_by(const torch::Tensor& mask, const torch::Tensor& pixels,
   torch::Tensor result = mask, last = mask;
   for (int step = 0; step < static_cast<int>(std::ceil(most)); ++step) {
     const torch::Tensor next = widened(last);
-    result = result + per_image((pixels - step).clamp(0, 1)) * (next - last);
+    result = result + per_plane((pixels - step).clamp(0, 1)) * (next - last);
     last = next;
   }
   return result;
@@ -162,7 +162,7 @@ torch::Tensor widened_by(const torch::Tensor& mask, const torch::Tensor& pixels,
 // images x size x size: moves what is at j to j + distance, shared out to the two pixels there.
 torch::Tensor movements(const torch::Tensor& distance, int64_t size) {
   const torch::Tensor at = torch::arange(size, torch::kFloat32);
-  return (1 - (at.unsqueeze(1) - at - per_image(distance)).abs()).clamp_min(0);
+  return (1 - (at.unsqueeze(1) - at - per_plane(distance)).abs()).clamp_min(0);
 }
 
 torch::Tensor imprecise(const torch::Tensor& mask, double most, const Draws& draws) {
@@ -177,13 +177,14 @@ torch::Tensor imprecise(const torch::Tensor& mask, double most, const Draws& dra
 
 // What is in the mask: object and background.
 ImageBatch masked(const ObjectLayer& object, const torch::Tensor& background,
-                  const torch::Tensor& mask) {
+                  const torch::Tensor& mask, int64_t channels) {
   const torch::Tensor of_object =
       torch::minimum(object.coverage, mask) / object.coverage.clamp_min(kNothing);
   const torch::Tensor of_background = (mask - object.coverage).clamp_min(0) * background;
   const torch::Tensor sum = of_object * object.radiance + of_background;
   const torch::Tensor inside = (mask > kNothing).to(torch::kFloat32);
   ImageBatch result;
+  result.channels = channels;
   result.luminance = sum / mask.clamp_min(kNothing) * inside;
   result.mask = mask;
   result.noise = of_object * object.variance.sqrt() / sum.clamp_min(kNoLight) * inside;
@@ -201,7 +202,7 @@ torch::Tensor squared_radius(int64_t size) {
 
 void darken_corners(ImageBatch& images, const torch::Tensor& v) {
   const torch::Tensor r2 = squared_radius(images.luminance.size(-1));
-  images.luminance = images.luminance / (1 + per_image(v) * r2).square();
+  images.luminance = images.luminance / (1 + per_plane(v) * r2).square();
 }
 
 // The least of the brightest `part` of an object's pixels.
@@ -216,26 +217,30 @@ float white_point(const torch::Tensor& luminance, const torch::Tensor& mask, dou
 }
 
 void clip(ImageBatch& images, const torch::Tensor& is_clipped, const torch::Tensor& part) {
-  torch::Tensor white = torch::full({images.size()}, HUGE_VAL);
-  for (int64_t i = 0; i < images.size(); ++i) {
-    if (is_clipped[i].item<float>() < 0.5F) {
-      white[i] = white_point(images.luminance[i], images.mask[i], part[i].item<double>());
+  torch::Tensor white = torch::full({images.planes()}, HUGE_VAL);
+  for (int64_t p = 0; p < images.planes(); p += images.channels) {
+    if (is_clipped[p].item<float>() < 0.5F) {
+      const auto of_image = [&](const torch::Tensor& planes) {
+        return planes.slice(0, p, p + images.channels);
+      };
+      of_image(white).fill_(
+          white_point(of_image(images.luminance), of_image(images.mask), part[p].item<double>()));
     }
   }
-  images.noise = images.noise * (images.luminance < per_image(white));
-  images.luminance = torch::minimum(images.luminance, per_image(white));
+  images.noise = images.noise * (images.luminance < per_plane(white));
+  images.luminance = torch::minimum(images.luminance, per_plane(white));
 }
 
 void change_contrast(ImageBatch& images, const torch::Tensor& c) {
-  const torch::Tensor mean = object_mean(images.luminance, images.mask).clamp_min(kNoLight);
-  images.luminance = (images.luminance / mean).pow(per_image(c)) * mean;
-  images.noise = images.noise * per_image(c);
+  const torch::Tensor mean = mean_on_object(images).clamp_min(kNoLight);
+  images.luminance = (images.luminance / mean).pow(per_plane(c)) * mean;
+  images.noise = images.noise * per_plane(c);
 }
 
 void add_shoulder(ImageBatch& images, const torch::Tensor& s) {
-  const torch::Tensor mean = object_mean(images.luminance, images.mask).clamp_min(kNoLight);
-  const torch::Tensor compressed = 1 + per_image(s) * (images.luminance / mean);
-  images.luminance = images.luminance * (1 + per_image(s)) / compressed;
+  const torch::Tensor mean = mean_on_object(images).clamp_min(kNoLight);
+  const torch::Tensor compressed = 1 + per_plane(s) * (images.luminance / mean);
+  images.luminance = images.luminance * (1 + per_plane(s)) / compressed;
   images.noise = images.noise / compressed;
 }
 
@@ -247,9 +252,9 @@ ImageBatch taken_by_camera(const ImageBatch& images, const v1::CameraAugmentatio
   if (camera.blur() > 0) object = blurred(object, draws.uniform(kBlur, 0, camera.blur()));
   const torch::Tensor mask =
       camera.mask() > 0 ? imprecise(images.mask, camera.mask(), draws) : images.mask;
-  const torch::Tensor background = per_image(draws.uniform(kBackground, 0, kBrightestBackground)) *
-                                   object_mean(images.luminance, images.mask);
-  ImageBatch photographs = masked(object, background, mask);
+  const torch::Tensor background =
+      per_plane(draws.uniform(kBackground, 0, kBrightestBackground)) * mean_on_object(images);
+  ImageBatch photographs = masked(object, background, mask, images.channels);
   // Expose and develop it.
   if (camera.vignetting() > 0) {
     darken_corners(photographs, draws.uniform(kVignetting, 0, camera.vignetting()));
@@ -308,20 +313,24 @@ ImageBatch with_camera_effects(const ImageBatch& images, const v1::CameraAugment
                                uint64_t seed) {
   if (!changes_images(camera)) return images;
   const torch::NoGradGuard no_gradient;
-  const Draws all(seed, images.size());
+  const Draws all(seed, images);
   const double share = camera.has_share() ? camera.share() : 1;
   const torch::Tensor taken = (all.uniform(kTaken, 0, 1) < share).nonzero().squeeze(1);
   const auto replaced = [&](const torch::Tensor& plane, const torch::Tensor& photographs) {
     return plane.index_copy(0, taken, photographs);
   };
   const auto selected = [&](const torch::Tensor& plane) { return plane.index_select(0, taken); };
-  const ImageBatch photographs = taken_by_camera(
-      {selected(images.luminance), selected(images.mask), {}, selected(images.noise)}, camera,
-      all.subset(taken));
+  const ImageBatch photographs = taken_by_camera({selected(images.luminance),
+                                                  selected(images.mask),
+                                                  {},
+                                                  selected(images.noise),
+                                                  images.channels},
+                                                 camera, all.subset(taken));
   return {replaced(images.luminance, photographs.luminance),
           replaced(images.mask, photographs.mask),
           {},
-          replaced(images.noise, photographs.noise)};
+          replaced(images.noise, photographs.noise),
+          images.channels};
 }
 
 }  // namespace itn

@@ -14,8 +14,8 @@ void validate(const v1::CameraAugmentation& camera);
 // What `itn train --camera` turns on: about what photographs show of it.
 v1::CameraAugmentation default_camera_augmentation();
 
-// Values of images, to be combined with all of their pixels: batch -> batch x 1 x 1.
-inline torch::Tensor per_image(const torch::Tensor& values) {
+// Values of planes, to be combined with all of their pixels: planes -> planes x 1 x 1.
+inline torch::Tensor per_plane(const torch::Tensor& values) {
   return values.view({-1, 1, 1});
 }
 
@@ -23,7 +23,8 @@ inline torch::Tensor per_image(const torch::Tensor& values) {
 bool changes_images(const v1::CameraAugmentation& camera);
 
 // Each image as cameras and masks drawn by hand might have made it. A function of its arguments
-// alone; the result may share storage with the input, which stays as it is. `images`: luminance,
+// alone; the result may share storage with the input, which stays as it is. An image in colour has
+// one camera, whose contrast, shoulder and white are those of all colours. `images`: luminance,
 // mask and noise; a weight map would be of the images of before, and is dropped.
 //
 // Masks have parts of pixels at their border. An object that covers the part a of a pixel, with

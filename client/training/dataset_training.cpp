@@ -3,10 +3,14 @@
 #include <filesystem>
 #include <utility>
 
+#include <fmt/format.h>
+
 #include "client/dataset/dataset_config.h"
 #include "client/training/finalize_model.h"
 #include "client/training/image_source.h"
 #include "client/training/rerendering_loss.h"
+#include "common/error.h"
+#include "common/learning/parameterization.h"
 #include "common/random.h"
 
 namespace itn {
@@ -30,7 +34,9 @@ v1::Model start_model(const std::optional<v1::Model>& from, const v1::Model& fit
 }
 
 PackedFormat format_of(const v1::TrainingConfig& config, const LabelledImages& images) {
-  return {.resolution = resolution_of(config, images.resolution), .input = config.input()};
+  return {.resolution = resolution_of(config, images.resolution),
+          .input = config.input(),
+          .channels = static_cast<int>(images.channels)};
 }
 
 // The configuration, once it is valid.
@@ -38,6 +44,20 @@ const v1::TrainingConfig& validated(const v1::TrainingConfig& config) {
   validate(config);
   set_torch_threads(static_cast<int>(config.torch_threads()));
   return config;
+}
+
+// The images, if a network of this configuration can learn from them.
+LabelledImages learnable(LabelledImages images, const v1::TrainingConfig& config) {
+  const auto require = [&](bool condition, const char* what) {
+    if (images.channels > 1 && !condition) {
+      throw invalid_input(fmt::format("the dataset is in colour, which takes {}", what));
+    }
+  };
+  require(config.loss() == v1::TrainingConfig::RN, "the loss RN");
+  require(config.input() == v1::RATIOS, "the input RATIOS, as of --preset residual");
+  require(config.parameterization() == v1::UNBOUNDED,
+          "the parameterization UNBOUNDED, as of --preset residual");
+  return images;
 }
 
 // The labels that the configuration leaves to them. Runs of one seed have the same.
@@ -53,6 +73,15 @@ RerenderingEvaluator image_term_of(const v1::TrainingConfig& config,
       pool(),
       {.spp = config.spp(), .estimates = config.estimates(), .pilot_spp = config.pilot_spp()},
       std::move(stop));
+}
+
+void require_channels(const v1::Model& model, const LabelledImages& images) {
+  const size_t channels = channels_of(model);
+  if (channels == images.channels) return;
+  throw invalid_input(
+      fmt::format("the network that the training begins with is for images "
+                  "with {}, those of the dataset have {}",
+                  channels == 1 ? "one channel" : "three", images.channels == 1 ? "one" : "three"));
 }
 
 }  // namespace
@@ -71,7 +100,7 @@ DatasetTraining::DatasetTraining(const v1::TrainingConfig& config, DatasetReader
                                  const std::optional<v1::Model>& from, TrainingRun run)
     : config_(validated(config)),
       run_(std::move(run)),
-      images_(with_labels(images_of(dataset, v1::SPLIT_TRAIN), config)),
+      images_(with_labels(learnable(images_of(dataset, v1::SPLIT_TRAIN), config), config)),
       inputs_(images_, format_of(config, images_), run_.folder, run_.stop,
               has_first_order_augmentation(config)) {
   if (run_.validate_every > 0 && !dataset.items(v1::SPLIT_VALIDATION).empty()) {
@@ -90,6 +119,7 @@ DatasetTraining::DatasetTraining(const v1::TrainingConfig& config, DatasetReader
   const v1::DatasetConfig& drawn = dataset.manifest().config();
   start_ = start_model(
       from, fit_model(images_, inputs_.mean_radiance(), material_range(drawn), config), drawn);
+  require_channels(start_, images_);
   warn_of_albedos_out_of_reach(images_.truth, start_.bounds(), "the network");
 }
 

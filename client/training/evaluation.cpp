@@ -103,7 +103,9 @@ std::vector<Material> materials_of(std::span<const MaterialEstimate> estimates) 
 void set_intervals(std::span<const Squares> squares, const LabelledImages& images,
                    v1::Evaluation::Row& row) {
   std::vector<std::string> shapes;
-  for (const v1::DatasetItem* item : images.items) shapes.push_back(item->shape());
+  for (size_t i = 0; i < squares.size(); ++i) {
+    shapes.push_back(images.items[i / images.channels]->shape());
+  }
   const ShapeBootstrap bootstrap(shapes);
   v1::Interval* const intervals[] = {row.mutable_relative_sigma_t(), row.mutable_relative_albedo(),
                                      row.mutable_relative_g()};
@@ -148,6 +150,29 @@ void set_third(std::span<const MaterialEstimate> estimates, const LabelledImages
   }
 }
 
+// What the predictor sees of an image, with the noise that it has.
+ImageBatch seen(const Predictor& predictor, const LabelledImages& images, size_t number) {
+  const std::vector<DatasetImage> channels = read_channels(images, number);
+  std::vector<float> interleaved;
+  for (size_t p = 0; p < channels.front().radiance.size(); ++p) {
+    for (const DatasetImage& channel : channels) interleaved.push_back(channel.radiance[p]);
+  }
+  ImageBatch image = predictor
+                         .seen({.width = images.resolution,
+                                .height = images.resolution,
+                                .channels = static_cast<int>(channels.size()),
+                                .pixels = interleaved,
+                                .mask = channels.front().mask})
+                         .channels;
+  std::vector<torch::Tensor> noise;
+  for (const DatasetImage& channel : channels) {
+    noise.push_back(
+        noise_map(channel, images.resolution, static_cast<int>(predictor.model().resolution())));
+  }
+  image.noise = torch::cat(noise);
+  return image;
+}
+
 }  // namespace
 
 std::vector<MaterialEstimate> estimate_all(Predictor& predictor, const LabelledImages& images,
@@ -157,15 +182,7 @@ std::vector<MaterialEstimate> estimate_all(Predictor& predictor, const LabelledI
     if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
     std::vector<ImageBatch> batch;
     for (size_t i = first; i < std::min(first + kBatch, images.items.size()); ++i) {
-      const DatasetImage image = images.read(i);
-      const Photograph photograph{.width = images.resolution,
-                                  .height = images.resolution,
-                                  .channels = 1,
-                                  .pixels = image.radiance,
-                                  .mask = image.mask};
-      batch.push_back(predictor.seen(photograph).channels);
-      batch.back().noise =
-          noise_map(image, images.resolution, static_cast<int>(predictor.model().resolution()));
+      batch.push_back(seen(predictor, images, i));
     }
     ImageBatch all = concatenated(batch);
     if (noise > 0) all = with_noise(std::move(all), noise, derive_seed(0, {first}));
@@ -242,22 +259,23 @@ void set_details(std::span<const MaterialEstimate> estimates, const LabelledImag
 
 void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate> estimates,
                     const LabelledImages& images, v1::Evaluation::Row& row) {
-  if (predictor.model().output() != v1::GAUSSIAN) return;
-  const auto count = static_cast<int64_t>(estimates.size());
+  if (predictor.model().output() != v1::GAUSSIAN || predictor.channels() != images.channels) return;
+  const auto count = static_cast<int64_t>(images.items.size());
+  const auto n = static_cast<int64_t>(2 * images.channels + 1);
   double sum = 0;
-  torch::Tensor truths = torch::empty({count, 3}, torch::kFloat64);
-  auto rows = truths.accessor<double, 2>();
+  torch::Tensor truths = torch::empty({count, n}, torch::kFloat64);
   for (int64_t i = 0; i < count; ++i) {
     const auto item = static_cast<size_t>(i);
-    sum += predictor.log_likelihood(estimates[item], images.truth[item]);
-    const MaterialCoordinates z = predictor.standardized(images.truth[item]);
-    for (int64_t k = 0; k < 3; ++k) rows[i][k] = z[static_cast<size_t>(k)];
+    const std::span<const Material> truth = images.truth_of(item);
+    sum += predictor.log_likelihood(estimates[item * images.channels], truth);
+    std::ranges::copy(predictor.standardized(truth), truths[i].data_ptr<double>());
   }
   row.set_log_likelihood(sum / static_cast<double>(count));
   // The mean log-density of points under the Gaussian that fits them best.
   const torch::Tensor d = truths - truths.mean(0);
   const torch::Tensor covariance = d.t().matmul(d) / static_cast<double>(count);
-  row.set_constant_log_likelihood(-0.5 * (3 * std::log(2 * std::numbers::pi) + 3 +
+  const auto dimensions = static_cast<double>(n);
+  row.set_constant_log_likelihood(-0.5 * (dimensions * (std::log(2 * std::numbers::pi) + 1) +
                                           torch::linalg_det(covariance).log().item<double>()));
 }
 
@@ -279,14 +297,22 @@ std::vector<uint32_t> spread(size_t count, size_t total) {
 }
 
 std::vector<float> rerender(DatasetReader& dataset, RenderPool& pool, const v1::DatasetItem& item,
-                            const Material& material, uint32_t spp, std::stop_token stop) {
+                            const Material& material, uint32_t spp, std::stop_token stop,
+                            size_t colour) {
+  const bool in_colour = item.channel() == v1::Film::RGB;
+  const auto shown = static_cast<v1::Film::Channel>(v1::Film::RED + colour);
   std::future<v1::RenderGradReply> future =
-      pool.submit(job_of({.scene = dataset.scene(item),
+      pool.submit(job_of({.scene = dataset.scene(item, in_colour ? shown : item.channel()),
                           .material = material,
                           .spp = spp,
                           // Not the random numbers of the image that it is compared with.
                           .seed = derive_seed(item.seed(), {1})}));
-  return render_of(wait_for_render(future, stop)).estimates.front().radiance;
+  std::vector<float> image = render_of(wait_for_render(future, stop)).estimates.front().radiance;
+  if (in_colour) {  // as LabelledImages::read_colours
+    const auto white = static_cast<float>(dataset.white(item).at(colour));
+    for (float& value : image) value /= white;
+  }
+  return image;
 }
 
 ImageErrors image_errors(DatasetReader& dataset, RenderPool& pool, const LabelledImages& images,
@@ -294,14 +320,17 @@ ImageErrors image_errors(DatasetReader& dataset, RenderPool& pool, const Labelle
                          uint32_t spp, const std::function<void()>& progress,
                          std::stop_token stop) {
   ImageErrors errors;
-  const auto count = static_cast<double>(chosen.size());
+  const auto count = static_cast<double>(chosen.size() * images.channels);
   for (const uint32_t i : chosen) {
-    const std::vector<float> rendered =
-        rerender(dataset, pool, *images.items[i], predictions[i], spp, stop);
-    const DatasetImage image = images.read(i);
-    errors.relative += relative_image_error(image.radiance, rendered, image.mask) / count;
-    const bool black = std::ranges::all_of(image.radiance, [](float value) { return value <= 0; });
-    if (!black) {
+    const std::vector<DatasetImage> channels = read_channels(images, i);
+    for (size_t c = 0; c < channels.size(); ++c) {
+      const DatasetImage& image = channels[c];
+      const std::vector<float> rendered = rerender(
+          dataset, pool, *images.items[i], predictions[i * images.channels + c], spp, stop, c);
+      errors.relative += relative_image_error(image.radiance, rendered, image.mask) / count;
+      const bool black =
+          std::ranges::all_of(image.radiance, [](float value) { return value <= 0; });
+      if (black) continue;
       errors.dissimilarity += (1 - ms_ssim(images.resolution, image.radiance, rendered)) / count;
     }
     progress();

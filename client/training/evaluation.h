@@ -14,8 +14,8 @@
 
 namespace itn {
 
-// One estimate for each image, whose relative noise is brought up to `noise` first (0: as they
-// are), by the same random numbers each time. Some images are in memory at a time.
+// One estimate for each channel of each image, whose relative noise is brought up to `noise` first
+// (0: as they are), by the same random numbers each time. Some images are in memory at a time.
 std::vector<MaterialEstimate> estimate_all(Predictor& predictor, const LabelledImages& images,
                                            double noise, std::stop_token stop = {});
 
@@ -38,7 +38,8 @@ MaterialCoordinates relative_errors(std::span<const Material> predictions,
 void set_details(std::span<const MaterialEstimate> estimates, const LabelledImages& images,
                  v1::Evaluation::Row& row);
 
-// Sets the log-likelihoods of the row, for a predictor that answers distributions.
+// Sets the log-likelihoods of the row, for a predictor that answers distributions about such
+// images.
 void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate> estimates,
                     const LabelledImages& images, v1::Evaluation::Row& row);
 
@@ -50,9 +51,11 @@ void set_outlier_fraction(std::span<const MaterialEstimate> estimates, v1::Evalu
 // function of the arguments alone.
 std::vector<uint32_t> spread(size_t count, size_t total);
 
-// One image rendered with a material, at the scene of an item.
+// One image rendered with a material, at the scene of an item; of one in colour the image of this
+// colour: 0 to 2 are red, green and blue.
 std::vector<float> rerender(DatasetReader& dataset, RenderPool& pool, const v1::DatasetItem& item,
-                            const Material& material, uint32_t spp, std::stop_token stop = {});
+                            const Material& material, uint32_t spp, std::stop_token stop = {},
+                            size_t colour = 0);
 
 // How far renders are from the images that they should be, over some images.
 struct ImageErrors {
@@ -60,8 +63,8 @@ struct ImageErrors {
   double dissimilarity = 0;  // mean of 1 - MS-SSIM (client/image/ms_ssim.h)
 };
 
-// The errors of the images of these numbers, rendered again with the predictions; black ones count
-// 0. `progress` is called after each.
+// The errors of the images of these numbers, in each of their channels, rendered again with the
+// predictions; black ones count 0. `progress` is called after each.
 ImageErrors image_errors(DatasetReader& dataset, RenderPool& pool, const LabelledImages& images,
                          std::span<const uint32_t> chosen, std::span<const Material> predictions,
                          uint32_t spp, const std::function<void()>& progress,

@@ -21,7 +21,7 @@ struct ImageSource {
   std::function<ImageBatch(std::span<const uint32_t>)> batch;
 };
 
-// Images of shapes that a model was not trained with, and the truth of each.
+// Images of shapes that a model was not trained with, and the truth of each of their channels.
 struct HeldOutImages {
   ImageSource images;
   std::span<const Material> truth;

@@ -35,7 +35,8 @@ struct Shown {
 };
 
 // The noise of each image, on average over the object; none where nobody knows it.
-torch::Tensor mean_noise(const ImageBatch& images) {
+torch::Tensor mean_noise(const ImageBatch& in_any_colour) {
+  const ImageBatch images = luminance_of(in_any_colour);
   if (!images.noise.defined()) return torch::zeros({images.size()});
   // Some pixel may show nothing else.
   return (images.noise.clamp_max(1) * images.mask).sum({1, 2}) /

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <iterator>
 #include <vector>
 
 #include "client/in_parallel.h"
@@ -11,14 +13,15 @@
 namespace itn {
 namespace {
 
-// Planes of each image.
+// What there is of a channel of an image.
 int plane_count(const PackedFormat& format) {
   return needs_weight_map(format.input) ? 4 : 3;
 }
 
 size_t image_bytes(const PackedFormat& format) {
   const auto side = static_cast<size_t>(format.resolution);
-  return static_cast<size_t>(plane_count(format)) * side * side * sizeof(float);
+  const auto planes = static_cast<size_t>(plane_count(format) * format.channels);
+  return planes * side * side * sizeof(float);
 }
 
 // Over the object of an image, weighted by the mask.
@@ -51,12 +54,15 @@ void PackedInputs::pack(const LabelledImages& images, const std::stop_token& sto
   }
   std::vector<ObjectSums> sums(size());
   in_parallel(sums.size(), stop, [&](size_t i) {
-    const DatasetImage image = images.read(i);
-    add(sums[i], image);
-    ImageBatch packed =
-        resampled(images.resolution, image.radiance, image.mask, format_.resolution, format_.input);
-    packed.noise = noise_map(image, images.resolution, format_.resolution);
-    records_.put(i, torch::cat(planes_of(packed)).data_ptr());
+    std::vector<torch::Tensor> planes;
+    for (const DatasetImage& channel : read_channels(images, i)) {
+      add(sums[i], channel);
+      ImageBatch packed = resampled(images.resolution, channel.radiance, channel.mask,
+                                    format_.resolution, format_.input);
+      packed.noise = noise_map(channel, images.resolution, format_.resolution);
+      std::ranges::copy(planes_of(packed), std::back_inserter(planes));
+    }
+    records_.put(i, torch::cat(planes).data_ptr());
   });
   // In the order of the images, so that the last bits are always the same.
   ObjectSums all;
@@ -68,17 +74,18 @@ void PackedInputs::pack(const LabelledImages& images, const std::stop_token& sto
 }
 
 ImageBatch PackedInputs::batch(std::span<const uint32_t> items) const {
-  const torch::Tensor planes =
-      torch::empty({static_cast<int64_t>(items.size()), plane_count(format_), format_.resolution,
-                    format_.resolution});
-  for (size_t i = 0; i < items.size(); ++i) {
-    records_.get(items[i], planes[static_cast<int64_t>(i)].data_ptr());
+  const auto images = static_cast<int64_t>(items.size());
+  const torch::Tensor planes = torch::empty(
+      {images * format_.channels, plane_count(format_), format_.resolution, format_.resolution});
+  for (int64_t i = 0; i < images; ++i) {
+    records_.get(items[static_cast<size_t>(i)], planes[i * format_.channels].data_ptr());
   }
   const bool weight = needs_weight_map(format_.input);
   return {.luminance = planes.select(1, 0),
           .mask = planes.select(1, 1),
           .weight = weight ? planes.select(1, 2) : torch::Tensor(),
-          .noise = planes.select(1, weight ? 3 : 2)};
+          .noise = planes.select(1, weight ? 3 : 2),
+          .channels = format_.channels};
 }
 
 }  // namespace itn

@@ -18,10 +18,11 @@ namespace itn {
 struct PackedFormat {
   int resolution = 0;  // a side; the images' own, or less: then they are averaged down
   v1::NetworkInput input = v1::LUMINANCE_AND_WEIGHT;
+  int channels = 1;  // of the images
 };
 
-// Reads, decodes, resamples and packs each image once: luminance, mask, maybe the weight map, and
-// noise, 12 or 16 bytes for each pixel. A batch is read from there.
+// Reads, decodes, resamples and packs each image once: of each channel luminance, mask, maybe the
+// weight map, and noise, 12 or 16 bytes for each pixel. A batch is read from there.
 class PackedInputs {
  public:
   // `folder`: where the files are. `derivatives`: of the dataset, are packed, too. Throws Error:

@@ -54,9 +54,9 @@ Material mean_of_similar(const Material& material, const v1::MaterialChoice& mat
 
 std::optional<std::vector<Material>> similarity_predictions(const LabelledImages& images,
                                                             const v1::MaterialChoice& materials) {
-  if (materials.sampling() == v1::MaterialChoice::GRID || is_list(materials.sigma_t()) ||
-      is_list(materials.sigma_s_reduced()) || is_list(materials.albedo()) ||
-      is_list(materials.g())) {
+  if (images.channels > 1 || materials.sampling() == v1::MaterialChoice::GRID ||
+      is_list(materials.sigma_t()) || is_list(materials.sigma_s_reduced()) ||
+      is_list(materials.albedo()) || is_list(materials.g())) {
     return std::nullopt;
   }
   std::vector<Material> predictions;

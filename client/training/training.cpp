@@ -24,13 +24,14 @@ enum TrainingChoice : uint64_t { kInitialWeights, kOrder, kRenders, kAugmentatio
 // is minimised is one and the same.
 constexpr uint64_t kBalanceSteps = 10;
 
-torch::Tensor standardized_targets(const OutputSpace& space, const std::vector<Material>& truth) {
-  torch::Tensor targets = torch::empty({static_cast<int64_t>(truth.size()), 3});
-  auto values = targets.accessor<float, 2>();
-  for (size_t i = 0; i < truth.size(); ++i) {
-    const MaterialCoordinates target = space.standardized(truth[i]);
-    for (size_t k = 0; k < 3; ++k) {
-      values[static_cast<int64_t>(i)][static_cast<int64_t>(k)] = static_cast<float>(target[k]);
+// `truth`: the channels of each image, one image after the other.
+torch::Tensor standardized_targets(const AnswerSpace& space, std::span<const Material> truth) {
+  const auto images = static_cast<int64_t>(truth.size() / space.channels());
+  torch::Tensor targets = torch::empty({images, static_cast<int64_t>(space.size())});
+  float* value = targets.data_ptr<float>();
+  for (; !truth.empty(); truth = truth.subspan(space.channels())) {
+    for (const double number : space.standardized(truth.first(space.channels()))) {
+      *value++ = static_cast<float>(number);
     }
   }
   return targets;
@@ -243,7 +244,7 @@ Trainer::Trainer(v1::TrainingConfig config, const LabelledImages& images,
                  RerenderingEvaluator image_term)
     : Trainer(config, batches_of(config, images, inputs, start), start) {
   if (config.loss() != v1::TrainingConfig::ITN) return;
-  image_loss_ = std::make_unique<RerenderingLoss>(space_, images, std::move(image_term),
+  image_loss_ = std::make_unique<RerenderingLoss>(space_.channel(0), images, std::move(image_term),
                                                   config.image_weights(),
                                                   derive_seed(config.seed(), {kRenders}));
 }

@@ -75,7 +75,7 @@ class Trainer {
   std::unique_ptr<Batches> batches_;
   v1::Model model_;          // without weights
   v1::TrainingState state_;  // without the optimizer and the weights
-  OutputSpace space_;
+  AnswerSpace space_;
   Encoder encoder_;
   Optimizer optimizer_;
   std::optional<WeightAverage> average_;

@@ -4,7 +4,9 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <utility>
 
 #include "client/dataset/sampler.h"
 #include "common/error.h"
@@ -14,28 +16,48 @@
 namespace itn {
 namespace {
 
-void fit_coordinates(std::span<const Material> truth, v1::Model& model) {
-  MaterialCoordinates sum{}, squares{};
-  for (const Material& material : truth) {
-    const MaterialCoordinates c =
-        to_coordinates(model.parameterization(), material, g_interval(model.bounds()));
-    for (size_t i = 0; i < 3; ++i) {
+// By the coordinates of the labels.
+void fit_coordinates(const LabelledImages& images, v1::Model& model) {
+  // Whatever they are standardised by, that is undone again.
+  const size_t n = 2 * images.channels + 1;
+  for (size_t i = 0; i < n; ++i) {
+    model.add_mean(0);
+    model.add_standard_deviation(1);
+  }
+  const AnswerSpace space(model);
+  std::vector<double> sum(n), squares(n);
+  const auto add = [&](size_t image) {
+    const std::vector<double> c = space.standardized(images.truth_of(image));
+    for (size_t i = 0; i < n; ++i) {
       sum[i] += c[i];
       squares[i] += c[i] * c[i];
     }
+  };
+  size_t count = images.labelled.size();
+  for (const uint32_t i : images.labelled) add(i);
+  if (count == 0) {
+    count = images.items.size();
+    for (size_t i = 0; i < count; ++i) add(i);
   }
-  const auto count = static_cast<double>(truth.size());
-  for (size_t i = 0; i < 3; ++i) {
-    const double mean = sum[i] / count;
-    const double variance = squares[i] / count - mean * mean;
+  for (size_t i = 0; i < n; ++i) {
+    const double mean = sum[i] / static_cast<double>(count);
+    const double variance = squares[i] / static_cast<double>(count) - mean * mean;
     if (!(variance > 1e-12 * mean * mean)) {
       throw invalid_input(
           "all materials of the training split are the same in some coordinate; there is "
           "nothing to learn");
     }
-    model.add_mean(mean);
-    model.add_standard_deviation(std::sqrt(variance));
+    model.set_mean(static_cast<int>(i), mean);
+    model.set_standard_deviation(static_cast<int>(i), std::sqrt(variance));
   }
+}
+
+void divide(std::vector<float>& values, double divisor) {
+  for (float& value : values) value /= static_cast<float>(divisor);
+}
+
+size_t channels_of(const v1::DatasetItem& item) {
+  return std::max<size_t>(1, static_cast<size_t>(item.colours_size()));
 }
 
 }  // namespace
@@ -47,15 +69,37 @@ LabelledImages images_of(DatasetReader& dataset, v1::Split split) {
   if (images.items.empty()) {
     throw invalid_input("the dataset has no image in the split " + v1::Split_Name(split));
   }
+  images.channels = channels_of(*images.items.front());
   for (const v1::DatasetItem* item : images.items) {
-    images.truth.push_back(from_proto(item->material()));
+    if (channels_of(*item) != images.channels) {
+      throw invalid_input("some images of the dataset are in colour, and others are not");
+    }
+    if (item->colours().empty()) images.truth.push_back(from_proto(item->material()));
+    for (const v1::Material& colour : item->colours()) images.truth.push_back(from_proto(colour));
   }
   images.read = [&dataset, items = images.items](size_t i) { return dataset.image(*items.at(i)); };
+  std::vector<std::array<double, 3>> whites;
+  if (images.channels > 1) {
+    for (const v1::DatasetItem* item : images.items) whites.push_back(dataset.white(*item));
+  }
+  images.read_colours = [&dataset, items = images.items, whites = std::move(whites)](size_t i) {
+    std::vector<DatasetImage> channels = dataset.channels(*items.at(i));
+    for (size_t c = 0; c < channels.size(); ++c) {
+      divide(channels[c].radiance, whites.at(i).at(c));
+      divide(channels[c].standard_error, whites[i].at(c));
+    }
+    return channels;
+  };
   images.derivatives = [&dataset, items = images.items](size_t i) {
     return dataset.derivatives(*items.at(i));
   };
   images.scene = [&dataset, items = images.items](size_t i) { return dataset.scene(*items.at(i)); };
   return images;
+}
+
+std::vector<DatasetImage> read_channels(const LabelledImages& images, size_t number) {
+  if (images.channels > 1) return images.read_colours(number);
+  return {images.read(number)};
 }
 
 void keep_labels(uint32_t count, uint64_t seed, LabelledImages& images) {
@@ -84,9 +128,8 @@ v1::Model fit_model(const LabelledImages& images, double mean_radiance,
   model.set_parameterization(config.parameterization());
   model.set_image_scale(1 / mean_radiance);
   *model.mutable_bounds() = prediction_bounds(range);
-  std::vector<Material> labels;
-  for (const uint32_t i : images.labelled) labels.push_back(images.truth[i]);
-  fit_coordinates(labels.empty() ? images.truth : labels, model);
+  if (images.channels > 1) model.set_channels(static_cast<uint32_t>(images.channels));
+  fit_coordinates(images, model);
   return model;
 }
 

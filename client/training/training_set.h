@@ -14,21 +14,31 @@ namespace itn {
 
 struct LabelledImages {
   int resolution = 0;
+  size_t channels = 1;  // of each image: one, or red, green and blue
   std::vector<const v1::DatasetItem*> items;
-  std::vector<Material> truth;
+  std::vector<Material> truth;  // of each channel, one image after the other
   // Numbers of the items whose truth may be learned from; empty: all.
   std::vector<uint32_t> labelled;
-  // By the number of the item. Images are read when they are asked for, and not kept. `read` and
-  // `derivatives` may be called from several threads at a time, `scene` may not; they throw as
-  // DatasetReader does.
+  // By the number of the item. Images are read when they are asked for, and not kept. `read`,
+  // `read_colours` and `derivatives` may be called from several threads at a time, `scene` may not;
+  // they throw as DatasetReader does.
   std::function<DatasetImage(size_t)> read;
+  // Of images in colour instead: as a camera takes them whose white is that of their light.
+  std::function<std::vector<DatasetImage>(size_t)> read_colours;
   std::function<DerivativeImages(size_t)> derivatives;
   std::function<std::shared_ptr<const SerializedScene>(size_t)> scene;
+
+  std::span<const Material> truth_of(size_t image) const {
+    return std::span(truth).subspan(image * channels, channels);
+  }
 };
 
 // All images of a split; the dataset must outlive them. Throws Error (invalid input) if there are
 // none.
 LabelledImages images_of(DatasetReader& dataset, v1::Split split);
+
+// The channels of an image of any kind; throws as LabelledImages::read.
+std::vector<DatasetImage> read_channels(const LabelledImages& images, size_t number);
 
 // Lets so many items, chosen by a seed, keep their labels; 0: all. Throws Error (invalid input) if
 // there are not so many.

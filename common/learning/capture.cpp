@@ -5,9 +5,11 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <string>
 
 #include "common/error.h"
+#include "common/learning/parameterization.h"
 
 namespace itn {
 namespace {
@@ -75,6 +77,10 @@ std::vector<v1::Warning> common_warnings(const Photograph& photograph, const v1:
   return result;
 }
 
+double mean_of(const google::protobuf::RepeatedField<double>& numbers) {
+  return std::accumulate(numbers.begin(), numbers.end(), 0.0) / numbers.size();
+}
+
 }  // namespace
 
 void validate(const v1::Capture& capture, int channels) {
@@ -108,7 +114,11 @@ void validate(const v1::Capture& capture, int channels) {
 }
 
 double radiance_factor(const v1::Capture& capture, const v1::Model& model, int channel) {
-  if (!knows_scale(model)) return 1;
+  if (!knows_scale(model)) {
+    // In colour a card still tells what is white.
+    if (channels_of(model) == 1 || capture.white_size() < 2) return 1;
+    return mean_of(capture.white()) / capture.white(channel);
+  }
   if (!capture.white().empty()) {
     if (model.irradiance() <= 0) {
       throw invalid_input(

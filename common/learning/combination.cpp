@@ -58,6 +58,9 @@ Combination::Combination(const v1::Model& model) : error_correlation_(model.erro
         "the model answers no distributions, so that answers for several images cannot be "
         "combined; one of --preset residual does");
   }
+  if (channels_of(model) > 1) {
+    throw invalid_input("answers in colour for several images cannot be combined");
+  }
   if (!(error_correlation_ >= 0 && error_correlation_ <= 1)) {
     throw invalid_input(
         fmt::format("model.error_correlation is {}; it must be in [0, 1]", error_correlation_));
@@ -66,8 +69,7 @@ Combination::Combination(const v1::Model& model) : error_correlation_(model.erro
   prior_ = prior_of(model);
 }
 
-std::array<double, kGaussianOutputs> Combination::operator()(
-    std::span<const ImageAnswer> answers) const {
+std::vector<double> Combination::operator()(std::span<const ImageAnswer> answers) const {
   if (answers.size() == 1) return answers.front().outputs;
   const double weight = 1 / (1 + static_cast<double>(answers.size() - 1) * error_correlation_);
   torch::Tensor precision = prior_.precision.clone();

@@ -12,8 +12,8 @@
 // twice: r is their correlation (Model.error_correlation), and n images tell as much as n c would.
 #pragma once
 
-#include <array>
 #include <span>
+#include <vector>
 
 #include "common/learning/gaussian.h"
 #include "common/learning/parameterization.h"
@@ -24,18 +24,18 @@ namespace itn {
 // In standardised coordinates: the outputs for one image, and the object's longest side in mm. The
 // first coordinate is a logarithm of something per length, so that another size moves it alone.
 struct ImageAnswer {
-  std::array<double, kGaussianOutputs> outputs{};
+  std::vector<double> outputs;
   double object_size = 1;
 };
 
 class Combination {
  public:
-  // Throws Error (invalid input) unless the model answers distributions.
+  // Throws Error (invalid input) unless the model answers distributions about one channel.
   explicit Combination(const v1::Model& model);
 
   // Outputs for an object as large as the first one's. One answer alone stays what it is. Requires
   // one at least.
-  std::array<double, kGaussianOutputs> operator()(std::span<const ImageAnswer> answers) const;
+  std::vector<double> operator()(std::span<const ImageAnswer> answers) const;
 
  private:
   double error_correlation_;

@@ -10,6 +10,7 @@
 
 #include "common/error.h"
 #include "common/learning/architectures.h"
+#include "common/learning/gaussian.h"
 #include "common/learning/network_input.h"
 
 namespace itn {
@@ -51,9 +52,10 @@ auto with_architecture(const v1::Model& model, const Use& use) {
 }  // namespace
 
 int64_t output_count(const v1::Model& model) {
+  const size_t coordinates = 2 * channels_of(model) + 1;
   switch (model.output()) {
-    case v1::POINT: return 3;
-    case v1::GAUSSIAN: return 9;
+    case v1::POINT: return static_cast<int64_t>(coordinates);
+    case v1::GAUSSIAN: return static_cast<int64_t>(gaussian_outputs(coordinates));
     default:
       throw invalid_input(
           "the model's output distribution is not one that this version of itn knows");

@@ -2,9 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <mutex>
 #include <numbers>
 #include <numeric>
 #include <vector>
+
+#include <fmt/format.h>
 
 #include "common/error.h"
 
@@ -18,15 +22,15 @@ constexpr double kMaxLogPrecision = 4;
 
 constexpr int64_t kPoints = 2048;  // quantiles of 5 % are means of some hundred
 
-// Standard normal points in three dimensions: those of Sobol's net, each in the middle of its cell,
-// through the inverse of the normal distribution function; then with mean 0 and covariance 1 to the
-// last bits, so that what is linear in them is exact.
-std::vector<MaterialCoordinates> normal_points() {
+// Standard normal points in n dimensions, row by row: those of Sobol's net, each in the middle of
+// its cell, through the inverse of the normal distribution function; then with mean 0 and
+// covariance 1 to the last bits, so that what is linear in them is exact.
+std::vector<double> normal_points(int64_t n) {
   constexpr int64_t kBits = 30;  // of torch's direction numbers
-  torch::Tensor directions = torch::zeros({3, kBits}, torch::kInt64);
-  at::_sobol_engine_initialize_state_(directions, 3);
+  torch::Tensor directions = torch::zeros({n, kBits}, torch::kInt64);
+  at::_sobol_engine_initialize_state_(directions, n);
   const torch::Tensor drawn = std::get<0>(at::_sobol_engine_draw(
-      torch::zeros({3}, torch::kInt64), kPoints, directions, 3, 0, torch::kFloat64));
+      torch::zeros({n}, torch::kInt64), kPoints, directions, n, 0, torch::kFloat64));
   const torch::Tensor cells = (drawn * kPoints).floor();
   const torch::Tensor uniform = (cells + 0.5) / static_cast<double>(kPoints);
   torch::Tensor normal = std::numbers::sqrt2 * torch::erfinv(2 * uniform - 1);
@@ -34,9 +38,17 @@ std::vector<MaterialCoordinates> normal_points() {
   const torch::Tensor covariance = normal.t().matmul(normal) / static_cast<double>(kPoints);
   const torch::Tensor root = at::linalg_cholesky(covariance);
   normal = at::linalg_solve(root, normal.t()).t().contiguous();
-  std::vector<MaterialCoordinates> points;
-  const auto rows = normal.accessor<double, 2>();
-  for (int64_t i = 0; i < kPoints; ++i) points.push_back({rows[i][0], rows[i][1], rows[i][2]});
+  const double* values = normal.data_ptr<double>();
+  return {values, values + kPoints * n};
+}
+
+// Made once.
+std::span<const double> points_of(size_t n) {
+  static std::mutex mutex;
+  static std::map<size_t, std::vector<double>> known;
+  const std::lock_guard lock(mutex);
+  std::vector<double>& points = known[n];
+  if (points.empty()) points = normal_points(static_cast<int64_t>(n));
   return points;
 }
 
@@ -44,13 +56,29 @@ double log_precision(double output) {
   return kMaxLogPrecision * std::tanh(output / kMaxLogPrecision);
 }
 
+// The parts of the outputs.
+struct Outputs {
+  std::span<const double> mean, log_precision, regression;
+
+  explicit Outputs(std::span<const double> all) {
+    const size_t n = gaussian_coordinates(all.size());
+    mean = all.first(n);
+    log_precision = all.subspan(n, n);
+    regression = all.subspan(2 * n);
+  }
+  size_t size() const { return mean.size(); }
+  // a_ij, of j < i.
+  double a(size_t i, size_t j) const { return regression[i * (i - 1) / 2 + j]; }
+};
+
 // Undoes z = D T d, line by line.
-MaterialCoordinates coordinates(std::span<const double, kGaussianOutputs> o,
-                                const MaterialCoordinates& z) {
-  const double d0 = z[0] * std::exp(-log_precision(o[3]));
-  const double d1 = z[1] * std::exp(-log_precision(o[4])) - o[6] * d0;
-  const double d2 = z[2] * std::exp(-log_precision(o[5])) - o[7] * d0 - o[8] * d1;
-  return {o[0] + d0, o[1] + d1, o[2] + d2};
+void to_coordinates(const Outputs& outputs, std::span<const double> z, std::span<double> result) {
+  std::vector<double> d(outputs.size());
+  for (size_t i = 0; i < d.size(); ++i) {
+    d[i] = z[i] * std::exp(-log_precision(outputs.log_precision[i]));
+    for (size_t j = 0; j < i; ++j) d[i] -= outputs.a(i, j) * d[j];
+    result[i] = outputs.mean[i] + d[i];
+  }
 }
 
 // --- What they say ---
@@ -102,74 +130,86 @@ JointPosterior describe(const Samples& samples) {
 
 }  // namespace
 
+size_t gaussian_coordinates(size_t outputs) {
+  for (size_t n = 1; gaussian_outputs(n) <= outputs; ++n) {
+    if (gaussian_outputs(n) == outputs) return n;
+  }
+  throw invalid_input(fmt::format("{} numbers are no Gaussian", outputs));
+}
+
 torch::Tensor negative_log_likelihood(const torch::Tensor& outputs, const torch::Tensor& targets) {
-  const torch::Tensor d = targets - outputs.slice(1, 0, 3);
-  const torch::Tensor l = kMaxLogPrecision * torch::tanh(outputs.slice(1, 3, 6) / kMaxLogPrecision);
-  const torch::Tensor a = outputs.slice(1, 6, 9);
-  const auto column = [](const torch::Tensor& x, int64_t i) { return x.select(1, i); };
-  const torch::Tensor z =
-      torch::stack({column(d, 0), column(d, 1) + column(a, 0) * column(d, 0),
-                    column(d, 2) + column(a, 1) * column(d, 0) + column(a, 2) * column(d, 1)},
-                   1) *
-      l.exp();
-  const double normalisation = 1.5 * std::log(2 * std::numbers::pi);
+  const int64_t n = targets.size(1);
+  const torch::Tensor d = targets - outputs.slice(1, 0, n);
+  const torch::Tensor l =
+      kMaxLogPrecision * torch::tanh(outputs.slice(1, n, 2 * n) / kMaxLogPrecision);
+  const torch::Tensor a = outputs.slice(1, 2 * n);
+  std::vector<torch::Tensor> rows;
+  for (int64_t i = 0, regression = 0; i < n; ++i) {
+    torch::Tensor sum = d.select(1, i);
+    for (int64_t j = 0; j < i; ++j) sum = sum + a.select(1, regression++) * d.select(1, j);
+    rows.push_back(sum);
+  }
+  const torch::Tensor z = torch::stack(rows, 1) * l.exp();
+  const double normalisation = 0.5 * static_cast<double>(n) * std::log(2 * std::numbers::pi);
   return 0.5 * z.square().sum(1) - l.sum(1) + normalisation;
 }
 
 torch::Tensor calibrated(const torch::Tensor& outputs, const torch::Tensor& widths) {
+  const int64_t n = widths.size(1);
   const torch::Tensor precisions =
-      outputs.slice(1, 3, 6) + widths[0] + widths[1] * outputs.slice(1, 0, 1);
-  return torch::cat({outputs.slice(1, 0, 3), precisions, outputs.slice(1, 6, 9)}, 1);
+      outputs.slice(1, n, 2 * n) + widths[0] + widths[1] * outputs.slice(1, 0, 1);
+  return torch::cat({outputs.slice(1, 0, n), precisions, outputs.slice(1, 2 * n)}, 1);
 }
 
-torch::Tensor to_tensor(const v1::Calibration& widths) {
-  torch::Tensor tensor = torch::empty({2, 3}, torch::kFloat64);
+torch::Tensor to_tensor(const v1::Calibration& widths, size_t n) {
+  const auto count = static_cast<int>(n);
+  torch::Tensor tensor = torch::empty({2, count}, torch::kFloat64);
   int64_t row = 0;
   for (const auto* numbers : {&widths.offset(), &widths.slope()}) {
-    if (numbers->size() != 3 ||
+    if (numbers->size() != count ||
         !std::ranges::all_of(*numbers, [](double x) { return std::isfinite(x); })) {
-      throw invalid_input("the model's correction of widths needs three finite numbers of a kind");
+      throw invalid_input(
+          fmt::format("the model's correction of widths needs {} finite numbers of a kind", n));
     }
-    for (int k = 0; k < 3; ++k) tensor[row][k] = numbers->Get(k);
+    for (int k = 0; k < count; ++k) tensor[row][k] = numbers->Get(k);
     ++row;
   }
   return tensor;
 }
 
 // With T and D as in the header the precision is (D T)^T (D T).
-Gaussian to_gaussian(std::span<const double, kGaussianOutputs> o) {
-  torch::Tensor t = torch::eye(3, torch::kFloat64);
-  t[1][0] = o[6];
-  t[2][0] = o[7];
-  t[2][1] = o[8];
-  const torch::Tensor d = torch::tensor(
-      {std::exp(log_precision(o[3])), std::exp(log_precision(o[4])), std::exp(log_precision(o[5]))},
-      torch::kFloat64);
+Gaussian to_gaussian(std::span<const double> all) {
+  const Outputs outputs(all);
+  const auto n = static_cast<int64_t>(outputs.size());
+  torch::Tensor t = torch::eye(n, torch::kFloat64), d = torch::empty({n}, torch::kFloat64);
+  torch::Tensor mean = torch::empty({n}, torch::kFloat64);
+  for (int64_t i = 0; i < n; ++i) {
+    const auto row = static_cast<size_t>(i);
+    mean[i] = outputs.mean[row];
+    d[i] = std::exp(log_precision(outputs.log_precision[row]));
+    for (int64_t j = 0; j < i; ++j) t[i][j] = outputs.a(row, static_cast<size_t>(j));
+  }
   const torch::Tensor root = torch::diag(d).matmul(t);
-  return {torch::tensor({o[0], o[1], o[2]}, torch::kFloat64), root.t().matmul(root)};
+  return {mean, root.t().matmul(root)};
 }
 
 // Cholesky's factor begins with the first coordinate, D T with the last: so both are turned round.
-std::array<double, kGaussianOutputs> to_outputs(const Gaussian& gaussian) {
+std::vector<double> to_outputs(const Gaussian& gaussian) {
   constexpr double kNearlyMost = 0.9999 * kMaxLogPrecision;
   const torch::Tensor turned = at::linalg_cholesky(gaussian.precision.flip({0, 1}));
   const torch::Tensor root = turned.flip({0, 1}).t().contiguous();  // D T
   const auto r = root.accessor<double, 2>();
-  const torch::Tensor means = gaussian.mean.contiguous();
-  const auto mean = means.accessor<double, 1>();
-  const auto log_precision_output = [&](int64_t k) {
-    const double l = std::clamp(std::log(r[k][k]), -kNearlyMost, kNearlyMost);
-    return kMaxLogPrecision * std::atanh(l / kMaxLogPrecision);
-  };
-  return {mean[0],
-          mean[1],
-          mean[2],
-          log_precision_output(0),
-          log_precision_output(1),
-          log_precision_output(2),
-          r[1][0] / r[1][1],
-          r[2][0] / r[2][2],
-          r[2][1] / r[2][2]};
+  const torch::Tensor mean = gaussian.mean.contiguous();
+  const int64_t n = mean.size(0);
+  std::vector<double> outputs(mean.data_ptr<double>(), mean.data_ptr<double>() + n);
+  for (int64_t i = 0; i < n; ++i) {
+    const double l = std::clamp(std::log(r[i][i]), -kNearlyMost, kNearlyMost);
+    outputs.push_back(kMaxLogPrecision * std::atanh(l / kMaxLogPrecision));
+  }
+  for (int64_t i = 0; i < n; ++i) {
+    for (int64_t j = 0; j < i; ++j) outputs.push_back(r[i][j] / r[i][i]);
+  }
+  return outputs;
 }
 
 Material Posterior::mean() const {
@@ -177,22 +217,39 @@ Material Posterior::mean() const {
   return {p[0].mean, p[1].mean, p[2].mean};
 }
 
-Posterior posterior(const OutputSpace& space, std::span<const double, kGaussianOutputs> outputs) {
-  static const std::vector<MaterialCoordinates> points = normal_points();
-  if (!std::ranges::all_of(outputs, [](double x) { return std::isfinite(x); })) {
+std::vector<Posterior> posteriors(const AnswerSpace& space, std::span<const double> all) {
+  if (!std::ranges::all_of(all, [](double x) { return std::isfinite(x); })) {
     throw invalid_input("the network's prediction is not finite");
   }
-  Samples material, scattering;
-  for (const MaterialCoordinates& point : points) {
-    const Material m = space.material(coordinates(outputs, point));
-    const MaterialCoordinates first{m.sigma_t, m.albedo, m.g};
-    const MaterialCoordinates second{m.sigma_a(), m.sigma_s(), m.sigma_s_reduced()};
-    for (size_t i = 0; i < 3; ++i) {
-      material[i].push_back(first[i]);
-      scattering[i].push_back(second[i]);
+  const Outputs outputs(all);
+  const size_t n = space.size();
+  if (outputs.size() != n) {
+    throw invalid_input(
+        fmt::format("the network answers {} coordinates; the model has {}", outputs.size(), n));
+  }
+  struct Channel {
+    Samples material, scattering;
+  };
+  std::vector<Channel> channels(space.channels());
+  const std::span<const double> points = points_of(n);
+  std::vector<double> at(n);
+  for (size_t first = 0; first < points.size(); first += n) {
+    to_coordinates(outputs, points.subspan(first, n), at);
+    for (size_t c = 0; c < channels.size(); ++c) {
+      const Material m = space.channel(c).material(space.of_channel(c, at));
+      const MaterialCoordinates material{m.sigma_t, m.albedo, m.g};
+      const MaterialCoordinates scattering{m.sigma_a(), m.sigma_s(), m.sigma_s_reduced()};
+      for (size_t i = 0; i < 3; ++i) {
+        channels[c].material[i].push_back(material[i]);
+        channels[c].scattering[i].push_back(scattering[i]);
+      }
     }
   }
-  return {describe(material), describe(scattering)};
+  std::vector<Posterior> result;
+  for (const Channel& channel : channels) {
+    result.push_back({describe(channel.material), describe(channel.scattering)});
+  }
+  return result;
 }
 
 }  // namespace itn

@@ -1,18 +1,18 @@
-// A network's answer as a distribution: a Gaussian over standardised UNBOUNDED coordinates, what
+// A network's answer as a distribution: a Gaussian over n standardised UNBOUNDED coordinates, what
 // the truth costs under it, and what it says about the material.
 //
-// The nine outputs are the mean m (3), logarithms of precisions l (3) and regressions a10, a20,
-// a21. With d = coordinates - m,
-//   z_0 = exp(l_0)  d_0
-//   z_1 = exp(l_1) (d_1 + a10 d_0)
-//   z_2 = exp(l_2) (d_2 + a20 d_0 + a21 d_1)
+// The outputs are the mean m (n), logarithms of precisions l (n) and regressions a_ij, j < i, row
+// by row (n (n - 1) / 2). With d = coordinates - m,
+//   z_i = exp(l_i) (d_i + sum_j a_ij d_j)
 // are independent and standard normal: z = D T d, the modified Cholesky factor of the precision
 // (Pourahmadi, "Joint mean-covariance models with applications to longitudinal data", Biometrika
-// 1999), for which any nine numbers will do. Outputs that are all 0 are the standard normal.
+// 1999), for which any numbers will do. Outputs that are all 0 are the standard normal.
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <span>
+#include <vector>
 
 #include <torch/types.h>
 
@@ -22,30 +22,36 @@
 
 namespace itn {
 
-inline constexpr int64_t kGaussianOutputs = 9;
+// Outputs over n coordinates: 9 over 3, 35 over 7.
+constexpr size_t gaussian_outputs(size_t n) {
+  return 2 * n + n * (n - 1) / 2;
+}
 
-// Minus the logarithm of the density at the targets (batch x 3) for outputs (batch x 9): batch.
-// Log-precisions end softly at -4 and 4, so that neither a certain network nor one that has given
-// up makes it infinite.
+// Coordinates of so many outputs. Throws Error (invalid input) if no number has them.
+size_t gaussian_coordinates(size_t outputs);
+
+// Minus the logarithm of the density at the targets (batch x n) for outputs (batch x
+// gaussian_outputs(n)): batch. Log-precisions end softly at -4 and 4, so that neither a certain
+// network nor one that has given up makes it infinite.
 torch::Tensor negative_log_likelihood(const torch::Tensor& outputs, const torch::Tensor& targets);
 
-// The outputs with other widths, log-precision l_k + offset_k + slope_k m_0. `widths`: 2 x 3,
+// The outputs with other widths, log-precision l_k + offset_k + slope_k m_0. `widths`: 2 x n,
 // offsets and slopes, in which the result can be differentiated.
 torch::Tensor calibrated(const torch::Tensor& outputs, const torch::Tensor& widths);
 
-// Offsets and slopes, 2 x 3, double. Throws Error (invalid input) unless there are three finite
-// numbers of each.
-torch::Tensor to_tensor(const v1::Calibration& widths);
+// Offsets and slopes, 2 x n, double. Throws Error (invalid input) unless there are n finite numbers
+// of each.
+torch::Tensor to_tensor(const v1::Calibration& widths, size_t n);
 
 // The same Gaussian by its mean and its precision, the inverse of its covariance.
 struct Gaussian {
-  torch::Tensor mean;       // 3, double
-  torch::Tensor precision;  // 3 x 3, double, symmetric and positive definite
+  torch::Tensor mean;       // n, double
+  torch::Tensor precision;  // n x n, double, symmetric and positive definite
 };
-Gaussian to_gaussian(std::span<const double, kGaussianOutputs> outputs);
+Gaussian to_gaussian(std::span<const double> outputs);
 
 // The outputs that stand for it; standard deviations end softly, as above.
-std::array<double, kGaussianOutputs> to_outputs(const Gaussian& gaussian);
+std::vector<double> to_outputs(const Gaussian& gaussian);
 
 struct ParameterPosterior {
   double mean = 0, standard_deviation = 0;
@@ -67,9 +73,9 @@ struct Posterior {
   Material mean() const;
 };
 
-// The posterior of the Gaussian with these outputs, by quasi-random points that are always the
-// same. Points outside of the space's bounds count as the nearest inside. Throws Error (invalid
-// input) if an output is not finite.
-Posterior posterior(const OutputSpace& space, std::span<const double, kGaussianOutputs> outputs);
+// The posterior of each channel by the Gaussian with these outputs, from quasi-random points that
+// are always the same. Points outside of the space's bounds count as the nearest inside. Throws
+// Error (invalid input) if an output is not finite, or there are not as many as the space needs.
+std::vector<Posterior> posteriors(const AnswerSpace& space, std::span<const double> outputs);
 
 }  // namespace itn

@@ -7,7 +7,9 @@
 
 #include "common/error.h"
 #include "common/image/square_view.h"
+#include "common/learning/parameterization.h"
 #include "common/learning/weight_map.h"
+#include "common/luminance.h"
 
 namespace itn {
 namespace {
@@ -45,13 +47,21 @@ torch::Tensor ratio(const torch::Tensor& y, const torch::Tensor& mean) {
 
 torch::Tensor ratio_planes(const v1::Model& model, const ImageBatch& images) {
   const torch::Tensor& mask = images.mask;
-  torch::Tensor y = images.luminance * static_cast<float>(model.image_scale());
-  if (model.exposure() == v1::EXPOSURE_UNKNOWN) y = ratio(y, object_mean(y * mask, mask));
+  ImageBatch scaled = images;
+  scaled.luminance = images.luminance * static_cast<float>(model.image_scale());
+  if (model.exposure() == v1::EXPOSURE_UNKNOWN) {
+    scaled.luminance = ratio(scaled.luminance, mean_on_object(scaled));
+  }
+  const torch::Tensor& y = scaled.luminance;
   const torch::Tensor masked = y * mask;
-  return torch::stack(
+  const torch::Tensor ratios = torch::stack(
       {torch::log(y + kBlack) * mask, kLocalGain * (ratio(y, local_mean(masked, mask)) - 1) * mask,
-       (ratio(y, object_mean(masked, mask)) - 1) * mask, mask},
+       (ratio(y, object_mean(masked, mask)) - 1) * mask},
       1);
+  const int64_t side = y.size(-1);
+  const torch::Tensor masks = mask.view({images.size(), images.channels, side, side});
+  return torch::cat(
+      {ratios.view({images.size(), 3 * images.channels, side, side}), masks.slice(1, 0, 1)}, 1);
 }
 
 cv::Mat resized(const cv::Mat& image, int resolution) {
@@ -76,8 +86,12 @@ bool needs_weight_map(v1::NetworkInput input) {
 }
 
 int64_t input_channels(const v1::Model& model) {
-  if (needs_weight_map(model.input())) return 2;
-  if (model.input() == v1::RATIOS) return 4;
+  const auto channels = static_cast<int64_t>(channels_of(model));
+  if (needs_weight_map(model.input())) {
+    if (channels > 1) throw invalid_input("the model's input has no colours; RATIOS has");
+    return 2;
+  }
+  if (model.input() == v1::RATIOS) return 3 * channels + 1;
   throw invalid_input("the model's input is not one that this version of itn knows");
 }
 
@@ -128,11 +142,42 @@ ImageBatch brought_up_to_noise(const ImageBatch& images, const torch::Tensor& le
   return result;
 }
 
-ImageBatch image_of(const ImageBatch& images, int64_t index) {
-  const auto one = [index](const torch::Tensor& plane) {
-    return plane.defined() ? plane.slice(0, index, index + 1) : plane;
+torch::Tensor for_planes(const torch::Tensor& of_images, int64_t channels) {
+  return channels == 1 ? of_images : of_images.repeat_interleave(channels);
+}
+
+torch::Tensor mean_on_object(const ImageBatch& images) {
+  const torch::Tensor means = object_mean(images.luminance * images.mask, images.mask);
+  if (images.channels == 1) return means;
+  return for_planes(means.view({images.size(), images.channels}).mean(1), images.channels)
+      .view({-1, 1, 1});
+}
+
+ImageBatch luminance_of(const ImageBatch& images) {
+  if (images.channels == 1) return images;
+  const int64_t side = images.luminance.size(-1);
+  const auto by_image = [&](const torch::Tensor& planes) {
+    return planes.view({images.size(), images.channels, side, side});
   };
-  return {one(images.luminance), one(images.mask), one(images.weight), one(images.noise)};
+  const torch::Tensor weights =
+      torch::tensor(c10::ArrayRef<double>(kLuminanceOfColours), torch::kFloat32).view({1, 3, 1, 1});
+  ImageBatch result;
+  result.luminance = (by_image(images.luminance) * weights).sum(1);
+  result.mask = by_image(images.mask).select(1, 0);
+  if (images.noise.defined()) {  // of colours, which may have come from the same paths
+    result.noise = (by_image(images.noise * images.luminance) * weights).sum(1) /
+                   result.luminance.clamp_min(kNoLight);
+  }
+  return result;
+}
+
+ImageBatch image_of(const ImageBatch& images, int64_t index) {
+  const auto one = [&](const torch::Tensor& plane) {
+    const int64_t first = index * images.channels;
+    return plane.defined() ? plane.slice(0, first, first + images.channels) : plane;
+  };
+  return {one(images.luminance), one(images.mask), one(images.weight), one(images.noise),
+          images.channels};
 }
 
 ImageBatch mirrored(const ImageBatch& images) {
@@ -140,7 +185,7 @@ ImageBatch mirrored(const ImageBatch& images) {
     return plane.defined() ? plane.flip(-1) : plane;
   };
   return {flipped(images.luminance), flipped(images.mask), flipped(images.weight),
-          flipped(images.noise)};
+          flipped(images.noise), images.channels};
 }
 
 ImageBatch concatenated(std::span<const ImageBatch> batches) {
@@ -153,7 +198,7 @@ ImageBatch concatenated(std::span<const ImageBatch> batches) {
     return torch::cat(tensors);
   };
   return {all(&ImageBatch::luminance), all(&ImageBatch::mask), all(&ImageBatch::weight),
-          all(&ImageBatch::noise)};
+          all(&ImageBatch::noise), batches.front().channels};
 }
 
 }  // namespace itn

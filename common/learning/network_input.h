@@ -11,15 +11,18 @@
 
 namespace itn {
 
-// Square images of one size, as they were measured: batch x resolution x resolution, float.
+// Square images of one size, as they were measured: planes x resolution x resolution, float, where
+// an image in colour has three planes, red, green and blue, and any other has one.
 struct ImageBatch {
-  torch::Tensor luminance;  // >= 0, unscaled
+  torch::Tensor luminance;  // >= 0, unscaled; in colour the radiance of each
   torch::Tensor mask;       // in [0, 1], 1 on the object
   torch::Tensor weight;     // weight_map() of each; undefined unless needs_weight_map()
   torch::Tensor noise;      // relative, of each pixel: standard deviation over radiance; undefined
                             // where nobody knows
+  int64_t channels = 1;     // planes of an image
 
-  int64_t size() const { return luminance.size(0); }
+  int64_t planes() const { return luminance.size(0); }
+  int64_t size() const { return planes() / channels; }
 };
 
 // Luminance, mask and, if they are defined, weight map and noise. They share storage with the
@@ -32,7 +35,7 @@ bool needs_weight_map(v1::NetworkInput input);
 // Planes of the model's input. Throws Error (invalid input) if it is not one that is known.
 int64_t input_channels(const v1::Model& model);
 
-// batch x input_channels x resolution x resolution, float, 0 outside of the objects.
+// images x input_channels x resolution x resolution, float, 0 outside of the objects.
 //
 // LUMINANCE_AND_WEIGHT: image_scale * luminance * mask, and the weight map.
 //
@@ -43,7 +46,9 @@ int64_t input_channels(const v1::Model& model);
 //      1/32 of the side (2 pixels of 64): what blurs away, free of shading and exposure
 //   2  y / mean over the object - 1: shading, free of exposure
 //   3  mask
-// where ratios end at 10, planes 0 to 2 are multiplied by the mask.
+// where ratios end at 10, planes 0 to 2 are multiplied by the mask. In colour planes 0 to 2 of each
+// colour, then the mask; an unknown exposure is one of all colours, whose mean over the object is
+// divided by.
 torch::Tensor network_input(const v1::Model& model, const ImageBatch& images);
 
 // A square image and its mask brought to another size, as luminance and mask of a batch of one:
@@ -54,11 +59,20 @@ ImageBatch resampled(int side, std::span<const float> luminance, std::span<const
                      int resolution, v1::NetworkInput input);
 
 // Noise added to images: to the luminance of each pixel `normal`, a standard normal number, times
-// the luminance, so that its relative noise becomes `level` (batch). A pixel that is noisier
-// already stays as it is. To images whose noise nobody knows all of it is added. `normal`: batch or
-// 1 x resolution x resolution.
+// the luminance, so that its relative noise becomes `level` (by plane). A pixel that is noisier
+// already stays as it is. To images whose noise nobody knows all of it is added. `normal`: planes
+// or 1 x resolution x resolution.
 ImageBatch brought_up_to_noise(const ImageBatch& images, const torch::Tensor& level,
                                const torch::Tensor& normal);
+
+// Numbers of images, given to each of their planes.
+torch::Tensor for_planes(const torch::Tensor& of_images, int64_t channels);
+
+// The mean of each image over its object, in colour of all colours together: planes x 1 x 1.
+torch::Tensor mean_on_object(const ImageBatch& images);
+
+// Images of one plane each, the luminance of those in colour.
+ImageBatch luminance_of(const ImageBatch& images);
 
 // One of the images, as a batch of one that shares their storage.
 ImageBatch image_of(const ImageBatch& images, int64_t index);

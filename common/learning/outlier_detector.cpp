@@ -233,7 +233,8 @@ torch::Tensor read_tensor(const v1::Tensor& tensor) {
 
 }  // namespace
 
-torch::Tensor image_statistics(const v1::Model& model, const ImageBatch& images) {
+torch::Tensor image_statistics(const v1::Model& model, const ImageBatch& in_any_colour) {
+  const ImageBatch images = luminance_of(in_any_colour);
   const torch::Tensor luminance = images.luminance.contiguous(), mask = images.mask.contiguous();
   const int64_t side = luminance.size(-1);
   torch::Tensor statistics = torch::empty({images.size(), kImageStatistics}, torch::kFloat64);
@@ -252,7 +253,8 @@ ImageBatch tone_mapped(const ImageBatch& images) {
   const torch::Tensor brightest = y.amax({1, 2}, true).clamp_min(kDark);
   const torch::Tensor encoded = brightest * (y / brightest).pow(1 / kGamma);
   const torch::Tensor same_mean = y.sum({1, 2}, true) / encoded.sum({1, 2}, true).clamp_min(kDark);
-  const torch::Tensor odd = (torch::arange(images.size()) % 2 == 1).view({-1, 1, 1});
+  const torch::Tensor odd =
+      (for_planes(torch::arange(images.size()), images.channels) % 2 == 1).view({-1, 1, 1});
   ImageBatch result = images;
   result.luminance = encoded * torch::where(odd, same_mean, torch::ones_like(same_mean));
   if (result.noise.defined()) result.noise = result.noise / kGamma;
@@ -266,7 +268,7 @@ ImageBatch shuffled(const ImageBatch& images) {
   ImageBatch result = images;
   result.luminance = images.luminance.clone();
   if (images.noise.defined()) result.noise = images.noise.clone();
-  for (int64_t i = 0; i < images.size(); ++i) {
+  for (int64_t i = 0; i < images.planes(); ++i) {
     const torch::Tensor object = (images.mask[i].flatten() > kOnObject).nonzero().squeeze(1);
     const torch::Tensor from = object.index_select(0, torch::randperm(object.size(0), generator));
     const auto move = [&](const torch::Tensor& whole, torch::Tensor& moved) {

@@ -55,9 +55,10 @@ Box coordinate_box(v1::Parameterization parameterization, const Box& materials,
   return box;
 }
 
-void require_three(const char* what, int count) {
-  if (count != 3) {
-    throw invalid_input(fmt::format("model.{} has {} numbers; it must have 3", what, count));
+void require_count(const char* what, int count, size_t wanted) {
+  if (static_cast<size_t>(count) != wanted) {
+    throw invalid_input(
+        fmt::format("model.{} has {} numbers; it must have {}", what, count, wanted));
   }
 }
 
@@ -163,6 +164,7 @@ namespace {
 // 0 to 0.8) become the paper's clamps.
 constexpr double kSigmaTBelow = 20.0 / 30.0, kSigmaTAbove = 300.0 / 276.0;
 constexpr double kAlbedoBelow = 0.04, kAlbedoAbove = 0.02, kG = 0.1;
+constexpr double kMinAlbedo = 0.001, kMaxAlbedo = 0.999;
 
 }  // namespace
 
@@ -171,15 +173,16 @@ v1::MaterialRange training_range(const v1::MaterialRange& bounds) {
   range.mutable_sigma_t()->set_min(bounds.sigma_t().min() / kSigmaTBelow);
   range.mutable_sigma_t()->set_max(bounds.sigma_t().max() / kSigmaTAbove);
   range.mutable_albedo()->set_min(bounds.albedo().min() + kAlbedoBelow);
-  range.mutable_albedo()->set_max(bounds.albedo().max() - kAlbedoAbove);
+  const double max_albedo = bounds.albedo().max();
+  range.mutable_albedo()->set_max(max_albedo > kMaxAlbedo ? max_albedo : max_albedo - kAlbedoAbove);
   range.mutable_g()->set_min(bounds.g().min() + kG);
   range.mutable_g()->set_max(bounds.g().max() - kG);
   return range;
 }
 
 v1::MaterialRange prediction_bounds(const v1::MaterialRange& training_range) {
-  // An albedo of 1 has paths that do not end by absorption; of 0, no derivative in g.
-  constexpr double kMinAlbedo = 0.001, kMaxAlbedo = 0.999;
+  // At an albedo of 1 paths do not end by absorption, so that bounds end before it unless the
+  // training does not; at 0 there is no derivative in g.
   v1::MaterialRange bounds;
   const auto set = [](v1::Interval* interval, double min, double max) {
     interval->set_min(min);
@@ -189,13 +192,29 @@ v1::MaterialRange prediction_bounds(const v1::MaterialRange& training_range) {
   set(bounds.mutable_sigma_t(), std::max(r.sigma_t().min() * kSigmaTBelow, kMinSigmaT),
       std::min(r.sigma_t().max() * kSigmaTAbove, kMaxSigmaT));
   set(bounds.mutable_albedo(), std::max(r.albedo().min() - kAlbedoBelow, kMinAlbedo),
-      std::min(r.albedo().max() + kAlbedoAbove, kMaxAlbedo));
+      std::max(r.albedo().max(), std::min(r.albedo().max() + kAlbedoAbove, kMaxAlbedo)));
   set(bounds.mutable_g(), std::max(r.g().min() - kG, -kMaxAbsG),
       std::min(r.g().max() + kG, kMaxAbsG));
   return bounds;
 }
 
-OutputSpace::OutputSpace(const v1::Model& model)
+size_t channels_of(const v1::Model& model) {
+  if (model.channels() > 1 && model.channels() != 3) {
+    throw invalid_input(fmt::format("model.channels is {}; it must be 1 or 3", model.channels()));
+  }
+  return std::max<size_t>(1, model.channels());
+}
+
+namespace {
+
+// Where the coordinates of a channel are among those of all.
+std::array<size_t, 3> places_of(size_t channel, size_t channels) {
+  return {channel, channels + channel, 2 * channels};
+}
+
+}  // namespace
+
+OutputSpace::OutputSpace(const v1::Model& model, size_t channel)
     : parameterization_(model.parameterization()),
       g_(g_interval(model.bounds())),
       material_box_(to_box(model.bounds())) {
@@ -209,11 +228,16 @@ OutputSpace::OutputSpace(const v1::Model& model)
   if (parameterization_ == v1::UNBOUNDED && !(g_.min < g_.max)) {
     throw invalid_input("model.bounds: g must have an interval that is not empty");
   }
-  require_three("mean", model.mean_size());
-  require_three("standard_deviation", model.standard_deviation_size());
-  for (int i = 0; i < 3; ++i) {
-    mean_[i] = model.mean(i);
-    standard_deviation_[i] = model.standard_deviation(i);
+  const size_t channels = channels_of(model);
+  if (channels > 1 && parameterization_ != v1::UNBOUNDED) {
+    throw invalid_input("model.parameterization must be UNBOUNDED in colour");
+  }
+  require_count("mean", model.mean_size(), 2 * channels + 1);
+  require_count("standard_deviation", model.standard_deviation_size(), 2 * channels + 1);
+  for (size_t i = 0; i < 3; ++i) {
+    const auto place = static_cast<int>(places_of(channel, channels).at(i));
+    mean_[i] = model.mean(place);
+    standard_deviation_[i] = model.standard_deviation(place);
     if (!std::isfinite(mean_[i]) || !(standard_deviation_[i] > 0) ||
         !std::isfinite(standard_deviation_[i])) {
       throw invalid_input("model.mean must be finite and model.standard_deviation positive");
@@ -262,6 +286,35 @@ MaterialCoordinates OutputSpace::output_gradient(
   MaterialCoordinates gradient = clamp_gradient(raw, coordinate_box_, by_coordinate);
   for (size_t i = 0; i < 3; ++i) gradient[i] *= standard_deviation_[i];
   return gradient;
+}
+
+AnswerSpace::AnswerSpace(const v1::Model& model) {
+  for (size_t channel = 0; channel < channels_of(model); ++channel) {
+    channels_.emplace_back(model, channel);
+  }
+}
+
+MaterialCoordinates AnswerSpace::of_channel(size_t channel, std::span<const double> all) const {
+  const auto [first, second, third] = places_of(channel, channels());
+  return {all[first], all[second], all[third]};
+}
+
+std::vector<double> AnswerSpace::standardized(std::span<const Material> materials) const {
+  std::vector<double> all(size());
+  for (size_t channel = 0; channel < channels(); ++channel) {
+    const MaterialCoordinates one = channels_[channel].standardized(materials[channel]);
+    const std::array<size_t, 3> places = places_of(channel, channels());
+    for (size_t i = 0; i < 3; ++i) all[places[i]] = one[i];
+  }
+  return all;
+}
+
+std::vector<Material> AnswerSpace::materials(std::span<const double> output) const {
+  std::vector<Material> materials;
+  for (size_t channel = 0; channel < channels(); ++channel) {
+    materials.push_back(channels_[channel].material(of_channel(channel, output)));
+  }
+  return materials;
 }
 
 }  // namespace itn

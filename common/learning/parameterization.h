@@ -3,6 +3,9 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
+#include <span>
+#include <vector>
 
 #include "common/material.h"
 #include "itn/v1/learning.pb.h"
@@ -53,11 +56,15 @@ v1::MaterialRange training_range(const v1::MaterialRange& prediction_bounds);
 // The interval of g in these bounds.
 OpenInterval g_interval(const v1::MaterialRange& bounds);
 
-// What the raw outputs of a network mean: standardised coordinates, clamped to a box of materials.
+// Channels of the images that the model answers about.
+size_t channels_of(const v1::Model& model);
+
+// What the raw outputs of a network say about a channel of its images: standardised coordinates,
+// clamped to a box of materials.
 class OutputSpace {
  public:
   // Throws Error (invalid input) if the model's numbers are missing or do not make sense.
-  explicit OutputSpace(const v1::Model& model);
+  explicit OutputSpace(const v1::Model& model, size_t channel = 0);
 
   // What the network should answer for this material.
   MaterialCoordinates standardized(const Material& material) const;
@@ -81,6 +88,30 @@ class OutputSpace {
   Box material_box_;    // predictions end here
   Box coordinate_box_;  // the smallest that contains the material box; from_coordinates is safe in
                         // it
+};
+
+// What all of the outputs say: of C channels 2 C + 1 numbers, first the first coordinate of each,
+// then the second of each, then the third, which they share.
+class AnswerSpace {
+ public:
+  // Throws Error as OutputSpace.
+  explicit AnswerSpace(const v1::Model& model);
+
+  size_t channels() const { return channels_.size(); }
+  size_t size() const { return 2 * channels() + 1; }
+  const OutputSpace& channel(size_t channel) const { return channels_.at(channel); }
+
+  // The numbers among all of size() that a channel has.
+  MaterialCoordinates of_channel(size_t channel, std::span<const double> all) const;
+
+  // What the network should answer for the materials of the channels, which have one g.
+  std::vector<double> standardized(std::span<const Material> materials) const;
+
+  // By channel. Throws Error as OutputSpace::material().
+  std::vector<Material> materials(std::span<const double> output) const;
+
+ private:
+  std::vector<OutputSpace> channels_;
 };
 
 }  // namespace itn

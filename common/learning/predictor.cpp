@@ -111,22 +111,30 @@ Predictor::Predictor(const v1::Model& model)
     if (model.output() != v1::GAUSSIAN) {
       throw invalid_input("the model corrects the widths of answers that have none");
     }
-    calibration_ = to_tensor(model.calibration());
+    calibration_ = to_tensor(model.calibration(), space_.size());
   }
   model_.clear_weights();
   model_.clear_outlier_model();
   const int64_t side = model.resolution();
-  noise_ = torch::randn({1, side, side}, at::detail::createCPUGenerator(kNoiseSeed));
+  noise_ = torch::randn({static_cast<int64_t>(space_.channels()), side, side},
+                        at::detail::createCPUGenerator(kNoiseSeed));
 }
 
-ImageBatch Predictor::as_noisy_as_training(const ImageBatch& images) const {
-  return brought_up_to_noise(images, torch::full({images.size()}, model_.noise()), noise_);
+ImageBatch Predictor::as_noisy_as_training(const ImageBatch& image) const {
+  return brought_up_to_noise(image, torch::full({image.planes()}, model_.noise()), noise_);
 }
 
 NetworkView Predictor::seen(const Photograph& photograph, const v1::Capture& capture,
                             const std::stop_token& stop) const {
   validate(photograph, stop);
   validate(capture, photograph.channels);
+  const auto colours = static_cast<int64_t>(space_.channels());
+  if (colours > 1 && photograph.channels != colours) {
+    throw invalid_input(
+        fmt::format("the model {} answers about photographs in "
+                    "colour; this one has one channel",
+                    model_.name()));
+  }
   const FramedPhotograph square = framed(photograph, stop);
   std::vector<ImageBatch> channels;
   for (int channel = 0; channel < square.channels; ++channel) {
@@ -139,22 +147,31 @@ NetworkView Predictor::seen(const Photograph& photograph, const v1::Capture& cap
           "is capture.exposure or capture.white right?");
     }
   }
-  return {concatenated(channels), size_of(capture), warnings(photograph, capture, model_, stop)};
+  NetworkView view{concatenated(channels), size_of(capture),
+                   warnings(photograph, capture, model_, stop)};
+  view.channels.channels = colours;
+  return view;
 }
 
-MaterialEstimate Predictor::estimate_of(std::vector<double> outputs, double object_size) const {
-  MaterialEstimate estimate;
-  estimate.outputs = std::move(outputs);
-  const std::span<const double> o = estimate.outputs;
+std::vector<MaterialEstimate> Predictor::estimates_of(std::span<const double> outputs,
+                                                      double object_size) const {
+  std::vector<MaterialEstimate> estimates(space_.channels());
   if (model_.output() == v1::GAUSSIAN) {
-    estimate.posterior = posterior(space_, o.first<kGaussianOutputs>());
-    estimate.material = estimate.posterior->mean();
+    const std::vector<Posterior> channels = posteriors(space_, outputs);
+    for (size_t c = 0; c < channels.size(); ++c) {
+      estimates[c].posterior = channels[c];
+      estimates[c].material = channels[c].mean();
+    }
   } else {
-    estimate.material = space_.material({o[0], o[1], o[2]});
+    const std::vector<Material> channels = space_.materials(outputs);
+    for (size_t c = 0; c < channels.size(); ++c) estimates[c].material = channels[c];
   }
-  estimate.at_bounds = bounds_reached(estimate, model_.bounds());
-  make_per_mm(estimate, object_size);
-  return estimate;
+  for (MaterialEstimate& estimate : estimates) {
+    estimate.outputs.assign(outputs.begin(), outputs.end());
+    estimate.at_bounds = bounds_reached(estimate, model_.bounds());
+    make_per_mm(estimate, object_size);
+  }
+  return estimates;
 }
 
 std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& as_measured) const {
@@ -173,9 +190,12 @@ std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& as_measured,
     const Features image{features.embedding.slice(0, row, row + 1),
                          features.statistics.slice(0, row, row + 1)};
     const torch::Tensor outputs = outputs_of(image.embedding);
-    const double* o = outputs.data_ptr<double>();
-    estimates.push_back(estimate_of({o, o + outputs.size(1)}, object_sizes[i]));
-    if (outlier_detector_) estimates.back().outlier = outlier_detector_->scores(image).front();
+    std::vector<MaterialEstimate> channels = estimates_of(
+        {outputs.data_ptr<double>(), static_cast<size_t>(outputs.size(1))}, object_sizes[i]);
+    for (MaterialEstimate& channel : channels) {
+      if (outlier_detector_) channel.outlier = outlier_detector_->scores(image).front();
+      estimates.push_back(std::move(channel));
+    }
   }
   return estimates;
 }
@@ -246,8 +266,9 @@ Predictor::Outcomes Predictor::estimate_each(size_t count,
   std::vector<ImageBatch> waiting;
   // By channel that waits.
   std::vector<size_t> whose;
-  std::vector<double> sizes;
   std::vector<std::vector<v1::Warning>> warnings;
+  // By image, which has one channel or all colours.
+  std::vector<double> sizes;
   const auto estimate_waiting = [&] {
     if (waiting.empty()) return;
     std::vector<MaterialEstimate> estimates = estimate(concatenated(waiting), sizes, embed);
@@ -265,17 +286,17 @@ Predictor::Outcomes Predictor::estimate_each(size_t count,
     throw_if_stopped(stop);
     try {
       NetworkView photograph = seen(i);
-      const size_t channels = photograph.warnings.size();
+      whose.insert(whose.end(), photograph.warnings.size(), i);
+      sizes.insert(sizes.end(), static_cast<size_t>(photograph.channels.size()),
+                   photograph.object_size.value_or(1));
       waiting.push_back(std::move(photograph.channels));
       photograph_sizes[i] = photograph.object_size;
-      whose.insert(whose.end(), channels, i);
-      sizes.insert(sizes.end(), channels, photograph.object_size.value_or(1));
       std::ranges::move(photograph.warnings, std::back_inserter(warnings));
     } catch (const Error& error) {
       if (error.kind() == ErrorKind::kCancelled) throw;
       outcomes.each[i] = error;
     }
-    if (whose.size() >= at_a_time) estimate_waiting();
+    if (sizes.size() >= at_a_time) estimate_waiting();
   }
   estimate_waiting();
   if (one_material) outcomes.combined = combined(outcomes.each, photograph_sizes, stop);
@@ -314,13 +335,12 @@ std::vector<MaterialEstimate> Predictor::combined(
       }
       const MaterialEstimate& estimate = (*images[i])[channel];
       ImageAnswer& answer = answers.emplace_back();
-      std::ranges::copy(estimate.outputs, answer.outputs.begin());
+      answer.outputs = estimate.outputs;
       answer.object_size = sizes[i].value_or(1);
       add_new(estimate.warnings, warnings);
       take_worse(estimate.outlier, outlier);
     }
-    const auto outputs = combination(answers);
-    result.push_back(estimate_of({outputs.begin(), outputs.end()}, sizes.front().value_or(1)));
+    result.push_back(estimates_of(combination(answers), sizes.front().value_or(1)).front());
     result.back().warnings = std::move(warnings);
     result.back().outlier = std::move(outlier);
   }
@@ -343,11 +363,10 @@ std::vector<Material> Predictor::predict(const Photograph& photograph,
   return materials;
 }
 
-double Predictor::log_likelihood(const MaterialEstimate& estimate, const Material& truth) const {
-  const MaterialCoordinates z = space_.standardized(truth);
-  return -negative_log_likelihood(
-              torch::tensor(estimate.outputs, torch::kFloat64).unsqueeze(0),
-              torch::tensor(std::vector<double>(z.begin(), z.end()), torch::kFloat64).unsqueeze(0))
+double Predictor::log_likelihood(const MaterialEstimate& estimate,
+                                 std::span<const Material> truth) const {
+  return -negative_log_likelihood(torch::tensor(estimate.outputs, torch::kFloat64).unsqueeze(0),
+                                  torch::tensor(standardized(truth), torch::kFloat64).unsqueeze(0))
               .item<double>();
 }
 

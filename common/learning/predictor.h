@@ -24,11 +24,13 @@
 
 namespace itn {
 
-// What a network says about one image.
+// What a network says about one channel of an image.
 struct MaterialEstimate {
   Material material;                   // the best guess; the mean of the posterior if there is one
   std::optional<Posterior> posterior;  // of a network with the output GAUSSIAN
-  std::vector<double> outputs;         // of the network, with its widths corrected
+  // Of the network about the image, with its widths corrected; in colour they are those of all
+  // channels.
+  std::vector<double> outputs;
   // Parameters of which the 90 % intervals, or the best guess of a network without any, reach an
   // end of what the model can answer.
   std::vector<v1::MaterialBound> at_bounds;
@@ -38,7 +40,9 @@ struct MaterialEstimate {
 
 // What a network sees of a photograph, and what is known of it beside.
 struct NetworkView {
-  ImageBatch channels;  // as images of the model's resolution, on the scale of its training
+  // Of the model's resolution, on the scale of its training: one image, if the model answers about
+  // images in colour, else one for each channel.
+  ImageBatch channels;
   std::optional<double> object_size;               // longest side, in mm; absent if nobody knows
   std::vector<std::vector<v1::Warning>> warnings;  // by channel
 };
@@ -72,12 +76,12 @@ class Predictor {
   std::vector<Material> predict(const Photograph& photograph,
                                 const std::stop_token& stop = {}) const;
 
-  // One estimate for each image of the model's resolution. A pixel that is quieter than those of
-  // the model's training were (v1::Model::noise), as of photographs, is brought up to their noise
-  // first, since the network knows no other; always by the same random numbers, so that an image
-  // has one answer. A network that has learned from mirrored images (v1::Model::mirrored) sees the
-  // image's mirror image, too, with noise of its own. What is estimated of an image depends on no
-  // other, bit for bit; it may depend in the last bits on set_torch_threads().
+  // One estimate for each channel of each image of the model's resolution. A pixel that is quieter
+  // than those of the model's training were (v1::Model::noise), as of photographs, is brought up to
+  // their noise first, since the network knows no other; always by the same random numbers, so that
+  // an image has one answer. A network that has learned from mirrored images (v1::Model::mirrored)
+  // sees the image's mirror image, too, with noise of its own. What is estimated of an image
+  // depends on no other, bit for bit; it may depend in the last bits on set_torch_threads().
   std::vector<MaterialEstimate> estimate(const ImageBatch& images) const;
 
   // What became of a photograph: an estimate for each channel, or what is wrong with it.
@@ -117,39 +121,41 @@ class Predictor {
   NetworkView seen(const Photograph& photograph, const v1::Capture& capture = {},
                    const std::stop_token& stop = {}) const;
 
-  // For a network with the output GAUSSIAN, the logarithm of the density that an estimate gives the
-  // truth, in the coordinates of standardized().
-  double log_likelihood(const MaterialEstimate& estimate, const Material& truth) const;
+  // For a network with the output GAUSSIAN, the logarithm of the density that an estimate for one
+  // of an image's channels gives the truth of all of them, in the coordinates of standardized().
+  double log_likelihood(const MaterialEstimate& estimate, std::span<const Material> truth) const;
 
-  // A material in the coordinates in which the network answers.
-  MaterialCoordinates standardized(const Material& material) const {
-    return space_.standardized(material);
+  // The materials of an image's channels in the coordinates in which the network answers.
+  std::vector<double> standardized(std::span<const Material> channels) const {
+    return space_.standardized(channels);
   }
+  size_t channels() const { return space_.channels(); }
 
   std::string name() const;
   const v1::ModelVersion& version() const { return version_; }
   const v1::Model& model() const { return model_; }
 
  private:
-  ImageBatch as_noisy_as_training(const ImageBatch& images) const;
+  ImageBatch as_noisy_as_training(const ImageBatch& image) const;
   Features features_of(const ImageBatch& as_measured, const Embed& embed) const;
   torch::Tensor outputs_of(const torch::Tensor& embedding) const;
   std::vector<MaterialEstimate> estimate(const ImageBatch& as_measured,
                                          std::span<const double> object_sizes,
                                          const Embed& embed) const;
-  // What the outputs say of an object of this size.
-  MaterialEstimate estimate_of(std::vector<double> outputs, double object_size) const;
+  // What the outputs for an image say of an object of this size, by channel.
+  std::vector<MaterialEstimate> estimates_of(std::span<const double> outputs,
+                                             double object_size) const;
   std::vector<MaterialEstimate> combined(std::span<const Outcome> outcomes,
                                          std::span<const std::optional<double>> object_sizes,
                                          const std::stop_token& stop) const;
 
   v1::Model model_;  // without the weights and outlier_model
   v1::ModelVersion version_;
-  OutputSpace space_;
+  AnswerSpace space_;
   Encoder encoder_;
   std::optional<OutlierDetector> outlier_detector_;
   std::optional<torch::Tensor> calibration_;  // as to_tensor()
-  torch::Tensor noise_;                       // 1 x resolution x resolution, standard normal
+  torch::Tensor noise_;  // of an image: planes x resolution x resolution, standard normal
 };
 
 }  // namespace itn

@@ -1,6 +1,7 @@
 #include "client/dataset/item_scene.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -323,6 +324,24 @@ TEST(ItemScene, ChecksWhatItsSizeFollowsFrom) {
   });
   expect_refused("items[0].rotation.axis is (0, 0, 0)",
                  [](auto& item, auto&) { item.mutable_rotation()->set_angle_degrees(5); });
+}
+
+// What is white has the luminance of the light, and the colour of a low sun.
+TEST(WhiteOf, IsTheColourOfTheLightThatFallsFromAbove) {
+  v1::DatasetItem item;
+  item.mutable_light()->mutable_flash()->set_irradiance(100);
+  EXPECT_EQ(white_of(item), (std::array<double, 3>{1, 1, 1}));
+  v1::SunSky& sun = *item.mutable_light()->mutable_sun_sky();
+  sun.set_turbidity(6);
+  sun.set_sun_angular_radius_degrees(2);
+  const auto white_at = [&](float elevation) {
+    sun.set_sun_elevation_degrees(elevation);
+    const std::array<double, 3> white = white_of(item);
+    EXPECT_NEAR(0.2126 * white[0] + 0.7152 * white[1] + 0.0722 * white[2], 1, 1e-3);
+    return white;
+  };
+  const std::array<double, 3> low = white_at(12), high = white_at(80);
+  EXPECT_GT(low[0] / low[2], 1.1 * high[0] / high[2]);
 }
 
 }  // namespace

@@ -61,6 +61,15 @@ inline std::vector<LossWithGradient> render_batch(std::span<const RenderQuery> q
   return result;
 }
 
+// A silhouette for the weight map, and some noise.
+inline void add_object(DatasetImage& image) {
+  image.mask.resize(kPixels);
+  for (size_t p = 0; p < kPixels; ++p) {
+    image.mask[p] = p % kSize < 2 ? 0.0F : 1.0F;
+    image.standard_error.push_back(0.02F * image.radiance[p]);
+  }
+}
+
 class TrainingTest : public ::testing::Test {
  protected:
   TrainingTest() {
@@ -76,13 +85,9 @@ class TrainingTest : public ::testing::Test {
       images_.truth.push_back(m);
     }
     images_.read = [this](size_t i) {
-      DatasetImage image{.radiance = render(images_.truth[i], 0, 0).radiance,
-                         .mask = std::vector<float>(kPixels),
-                         .standard_error = {}};
-      for (size_t p = 0; p < kPixels; ++p) {  // a silhouette for the weight map
-        image.mask[p] = p % kSize < 2 ? 0.0F : 1.0F;
-        image.standard_error.push_back(0.02F * image.radiance[p]);
-      }
+      DatasetImage image{
+          .radiance = render(images_.truth[i], 0, 0).radiance, .mask = {}, .standard_error = {}};
+      add_object(image);
       return image;
     };
     images_.derivatives = [this](size_t i) {

@@ -12,6 +12,7 @@
 
 #include "client/json.h"
 #include "client/training/augmentation.h"
+#include "client/training/camera_augmentation.h"
 #include "client/training/noise_map.h"
 #include "common/error.h"
 #include "common/learning/checkpoint.h"
@@ -334,6 +335,92 @@ TEST_F(ResidualTrainingTest, LearnsWithLessPrecision) {
   const double start = mean_of_20(full, 0);
   EXPECT_LT(mean_of_20(full, 280), start - 0.5);
   EXPECT_LT(mean_of_20(less, 280), start - 0.5);
+}
+
+// --- In colour ---
+
+// The images of the fixture as green, beside two others of the same g.
+class ColourTrainingTest : public ResidualTrainingTest {
+ protected:
+  ColourTrainingTest() {
+    std::vector<Material> truth;
+    SplitMix random(2);
+    for (const Material& green : images_.truth) {
+      truth.push_back({30 + 240 * random.uniform(), 0.4 + 0.5 * random.uniform(), green.g});
+      truth.push_back(green);
+      truth.push_back({30 + 240 * random.uniform(), 0.4 + 0.5 * random.uniform(), green.g});
+    }
+    images_.channels = 3;
+    images_.truth = truth;
+    images_.read_colours = [this](size_t i) {
+      std::vector<DatasetImage> channels;
+      for (const Material& colour : images_.truth_of(i)) {
+        channels.push_back({render(colour, 0, 0).radiance, {}, {}, 0, 1});
+        add_object(channels.back());
+      }
+      return channels;
+    };
+    inputs_.emplace(images_, PackedFormat{.resolution = kSize, .input = v1::RATIOS, .channels = 3},
+                    folder_);
+  }
+};
+
+TEST_F(ColourTrainingTest, LearnsSevenNumbers) {
+  std::vector<double> losses;
+  TrainingRun r = run();
+  r.report = [&](const v1::TrainingMetrics& m) { losses.push_back(m.regression_loss()); };
+  v1::TrainingConfig c = residual(v1::TrainingConfig::RN, 600);
+  c.set_batch(8);
+  c.set_mean_weight(2);  // as the preset residual
+  const v1::Model start = residual_start();
+  EXPECT_EQ(start.channels(), 3);
+  EXPECT_EQ(start.mean_size(), 7);
+  train(c, images_, *inputs_, start, {}, r);
+  // The first answer is the Gaussian of all truths: of seven standardised coordinates.
+  const double constant = 3.5 * std::log(2 * std::numbers::pi) + 3.5;
+  EXPECT_NEAR(losses.front(), constant, 1);
+  EXPECT_LT(mean_of_20(losses, 580), constant - 6);
+  Predictor predictor = Predictor::load(folder_);
+  const std::vector<MaterialEstimate> estimates = predictor.estimate(inputs_->batch(all_items()));
+  ASSERT_EQ(estimates.size(), images_.truth.size());
+  double error = 0, prior = 0, mean = 0;
+  for (const Material& m : images_.truth) mean += m.albedo / (3 * kItems);
+  for (size_t i = 0; i < estimates.size(); ++i) {
+    error += std::pow(estimates[i].material.albedo - images_.truth[i].albedo, 2);
+    prior += std::pow(mean - images_.truth[i].albedo, 2);
+  }
+  EXPECT_LT(error, 0.25 * prior);
+}
+
+// Colours of an image are moved together, and have noise of their own.
+TEST_F(ColourTrainingTest, AugmentationKeepsColoursTogether) {
+  images_.truth[1] = images_.truth[0];  // green of the first image as red
+  inputs_.emplace(images_, PackedFormat{.resolution = kSize, .input = v1::RATIOS, .channels = 3},
+                  folder_);
+  const ImageBatch batch = inputs_->batch(all_items());
+  ASSERT_EQ(batch.size(), kItems);
+  ASSERT_EQ(batch.planes(), 3 * kItems);
+  v1::Augmentation augmentation;
+  augmentation.set_mirror(true);
+  augmentation.set_shift(3);
+  augmentation.set_exposure(0.5);
+  *augmentation.mutable_camera() = default_camera_augmentation();
+  for (uint64_t seed = 0; seed < 20; ++seed) {
+    const ImageBatch moved = augmented(batch, augmentation, seed);
+    EXPECT_EQ(moved.channels, 3);
+    EXPECT_TRUE(torch::equal(moved.luminance[0], moved.luminance[1])) << seed;
+    EXPECT_TRUE(torch::equal(moved.mask[0], moved.mask[2])) << seed;
+    EXPECT_FALSE(torch::equal(moved.luminance[0], moved.luminance[2])) << seed;
+  }
+  augmentation.set_white_balance(0.1);
+  const ImageBatch tinted = augmented(batch, augmentation, 1);
+  EXPECT_FALSE(torch::equal(tinted.luminance[0], tinted.luminance[1]));
+  v1::Augmentation noisy;
+  noisy.mutable_noise()->set_min(0.2);
+  noisy.mutable_noise()->set_max(0.2);
+  const ImageBatch noise = augmented(batch, noisy, 1);
+  EXPECT_FALSE(torch::equal(noise.luminance[0], noise.luminance[1]));
+  EXPECT_TRUE(torch::equal(noise.mask[0], noise.mask[1]));
 }
 
 // What predictions must know of the training is the training's, whatever the model began as.

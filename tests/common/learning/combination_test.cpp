@@ -11,18 +11,20 @@
 namespace itn {
 namespace {
 
-using Outputs = std::array<double, kGaussianOutputs>;
+using Numbers = std::vector<double>;
 
-constexpr Outputs kOne{0.3, -0.2, 0.1, 1.4, 1.3, 1.2, 0.5, -0.7, 0.3};
-constexpr Outputs kOther{-0.5, 0.4, 0.6, 1.8, 1.1, 2, -0.8, 0.6, 0.4};
+const Numbers kOne{0.3, -0.2, 0.1, 1.4, 1.3, 1.2, 0.5, -0.7, 0.3};
+const Numbers kOther{-0.5, 0.4, 0.6, 1.8, 1.1, 2, -0.8, 0.6, 0.4};
 
 double distance(const torch::Tensor& a, const torch::Tensor& b) {
   return (a - b).abs().max().item<double>();
 }
 
 TEST(Gaussian, ThereAndBackAgain) {
-  for (const Outputs& outputs : {kOne, kOther}) {
-    const Outputs back = to_outputs(to_gaussian(outputs));
+  Numbers seven(gaussian_outputs(7));
+  for (size_t k = 0; k < seven.size(); ++k) seven[k] = std::sin(3.0 * static_cast<double>(k));
+  for (const Numbers& outputs : {kOne, kOther, seven}) {
+    const Numbers back = to_outputs(to_gaussian(outputs));
     for (size_t k = 0; k < outputs.size(); ++k) EXPECT_NEAR(back[k], outputs[k], 1e-9) << k;
   }
 }
@@ -91,7 +93,7 @@ TEST(Combination, OfErrorsThatAllImagesShareIsNoSurerThanOne) {
 TEST(Combination, MovesAnswersForOtherSizes) {
   const v1::Model model = residual_model();
   const Combination combination(model);
-  Outputs larger = kOne;
+  Numbers larger = kOne;
   larger[0] += std::log(2) / model.standard_deviation(0);
   const Gaussian alike = to_gaussian(combination(std::vector<ImageAnswer>{{kOne, 1}, {kOne, 1}}));
   const Gaussian sizes = to_gaussian(combination(std::vector<ImageAnswer>{{kOne, 1}, {larger, 2}}));
@@ -101,7 +103,7 @@ TEST(Combination, MovesAnswersForOtherSizes) {
 }
 
 TEST(Combination, StaysADistributionWhereImagesTellLessThanNothing) {
-  Outputs vague{};
+  Numbers vague(9);
   vague[3] = vague[4] = vague[5] = -2;  // wider than the prior
   const Combination combination(residual_model());
   const Gaussian all = to_gaussian(combination(std::vector<ImageAnswer>(6, ImageAnswer{vague, 1})));

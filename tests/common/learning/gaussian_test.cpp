@@ -12,7 +12,7 @@
 namespace itn {
 namespace {
 
-using Outputs = std::array<double, kGaussianOutputs>;
+using Outputs = std::array<double, gaussian_outputs(3)>;
 
 constexpr Outputs kWide{0.3, -0.2, 0.1, 0.4, -0.3, 0.2, 0.5, -0.7, 0.3};
 constexpr Outputs kNarrow{-0.5, 0.4, 0.6, 3, 2.5, 2, -0.8, 0.6, 1.1};
@@ -83,9 +83,10 @@ TEST(Gaussian, LikelihoodAndGradientAreFiniteForEveryOutput) {
 // A million independent draws of the Gaussian, by another way: the inverse of its factor.
 TEST(Gaussian, PosteriorIsThatOfManyRandomDraws) {
   const v1::Model model = residual_model();
-  const OutputSpace space(model);
+  const AnswerSpace answers(model);
+  const OutputSpace& space = answers.channel(0);
   for (const Outputs& o : {kWide, kNarrow}) {
-    const Posterior quick = posterior(space, o);
+    const Posterior quick = posteriors(answers, o).front();
     constexpr int kDraws = 1000000;
     torch::manual_seed(5);
     const torch::Tensor z = torch::randn({3, kDraws}, torch::kFloat64);
@@ -127,7 +128,8 @@ TEST(Gaussian, PosteriorIsThatOfManyRandomDraws) {
 // Truths drawn from the Gaussians that a network answers fall into their 90 % intervals nine times
 // in ten: of sigma_t, albedo and g, and of what is derived from them.
 TEST(Gaussian, NinetyPercentIntervalsHoldNinetyPercent) {
-  const OutputSpace space(residual_model());
+  const AnswerSpace answers(residual_model());
+  const OutputSpace& space = answers.channel(0);
   constexpr int kTruths = 3000;
   std::mt19937 random(11);
   std::normal_distribution<double> normal;
@@ -150,7 +152,7 @@ TEST(Gaussian, NinetyPercentIntervalsHoldNinetyPercent) {
     const Material truth = space.material({at(0), at(1), at(2)});
     const std::array<double, 6> values{truth.sigma_t,   truth.albedo,    truth.g,
                                        truth.sigma_a(), truth.sigma_s(), truth.sigma_s_reduced()};
-    const Posterior p = posterior(space, o);
+    const Posterior p = posteriors(answers, o).front();
     for (size_t k = 0; k < 6; ++k) {
       const auto& parameter = (k < 3 ? p.material : p.scattering).parameters[k % 3];
       inside[k] += parameter.low <= values[k] && values[k] <= parameter.high ? 1 : 0;
@@ -163,14 +165,14 @@ TEST(Gaussian, NinetyPercentIntervalsHoldNinetyPercent) {
 
 TEST(Gaussian, PosteriorIsTheSameEveryTimeAndStaysInsideTheBounds) {
   const v1::Model model = residual_model();
-  const OutputSpace space(model);
+  const AnswerSpace space(model);
   const Box box = to_box(model.bounds());
   Outputs hopeless{};
   for (size_t i = 3; i < 6; ++i) hopeless[i] = -50;
   Outputs far{};
   far.fill(1e6);
   for (const Outputs& o : {kWide, hopeless, far}) {
-    const Posterior a = posterior(space, o), b = posterior(space, o);
+    const Posterior a = posteriors(space, o).front(), b = posteriors(space, o).front();
     for (size_t k = 0; k < 3; ++k) {
       const ParameterPosterior& p = a.material.parameters[k];
       EXPECT_EQ(p.mean, b.material.parameters[k].mean);
@@ -191,25 +193,100 @@ TEST(Gaussian, CorrectedWidthsFollowTheFirstMean) {
   outputs[0][0] = -2;
   const torch::Tensor expected =
       torch::tensor({-2.0, 2.0, 3.0, 4.1, 3.8, 8.3, 7.0, 8.0, 9.0}, torch::kFloat64).view({1, 9});
-  EXPECT_TRUE(torch::allclose(calibrated(outputs, to_tensor(widths)), expected));
+  EXPECT_TRUE(torch::allclose(calibrated(outputs, to_tensor(widths, 3)), expected));
 }
 
 TEST(Gaussian, ACorrectionOfOtherThanThreeFiniteNumbersIsRefused) {
   v1::Calibration widths;
-  EXPECT_THROW(to_tensor(widths), Error);
+  EXPECT_THROW(to_tensor(widths, 3), Error);
   for (int k = 0; k < 3; ++k) {
     widths.add_offset(0);
     widths.add_slope(0);
   }
-  EXPECT_NO_THROW(to_tensor(widths));
+  EXPECT_NO_THROW(to_tensor(widths, 3));
   widths.set_slope(1, NAN);
-  EXPECT_THROW(to_tensor(widths), Error);
+  EXPECT_THROW(to_tensor(widths, 3), Error);
 }
 
 TEST(Gaussian, PosteriorOfWhatIsNotFiniteIsRefused) {
   Outputs o = kWide;
   o[7] = NAN;
-  EXPECT_THROW(posterior(OutputSpace(residual_model()), o), Error);
+  EXPECT_THROW(posteriors(AnswerSpace(residual_model()), o), Error);
+  EXPECT_THROW(posteriors(AnswerSpace(residual_model()), std::vector<double>(8)), Error);
+}
+
+// --- In colour ---
+
+// Of coordinates whose means and deviations are all different.
+v1::Model colour_model() {
+  v1::Model model = residual_model();
+  model.set_channels(3);
+  model.clear_mean();
+  model.clear_standard_deviation();
+  for (const double mean : {4.0, 4.2, 3.9, 1.5, 1.0, 0.5, 0.2}) model.add_mean(mean);
+  for (const double sd : {0.5, 0.6, 0.4, 0.7, 0.8, 0.9, 1.1}) model.add_standard_deviation(sd);
+  return model;
+}
+
+std::vector<double> colour_outputs() {
+  std::vector<double> outputs(gaussian_outputs(7));
+  for (size_t k = 0; k < outputs.size(); ++k) {
+    outputs[k] = 0.4 * std::sin(3.0 * static_cast<double>(k)) + (k >= 7 && k < 14 ? 1 : 0);
+  }
+  return outputs;
+}
+
+TEST(ColourGaussian, LikelihoodIsThatOfThePrecisionMatrix) {
+  const std::vector<double> outputs = colour_outputs();
+  const Gaussian gaussian = to_gaussian(outputs);
+  const torch::Tensor target =
+      torch::tensor({{0.2, 0.9, -0.4, 0.1, -0.3, 0.6, 0.5}}, torch::kFloat64);
+  const torch::Tensor d = target[0] - gaussian.mean;
+  const double expected = 0.5 * d.dot(gaussian.precision.mv(d)).item<double>() -
+                          0.5 * torch::linalg_det(gaussian.precision).log().item<double>() +
+                          3.5 * std::log(2 * std::numbers::pi);
+  const torch::Tensor row = torch::tensor(outputs, torch::kFloat64).unsqueeze(0);
+  EXPECT_NEAR(negative_log_likelihood(row, target).item<double>(), expected,
+              1e-9 * std::abs(expected));
+}
+
+// Two hundred thousand random draws of the Gaussian, by its covariance.
+TEST(ColourGaussian, PosteriorsAreThoseOfManyRandomDraws) {
+  const AnswerSpace space(colour_model());
+  const std::vector<double> outputs = colour_outputs();
+  const std::vector<Posterior> quick = posteriors(space, outputs);
+  ASSERT_EQ(quick.size(), 3);
+  constexpr int64_t kDraws = 200000;
+  const Gaussian gaussian = to_gaussian(outputs);
+  const torch::Tensor root = at::linalg_cholesky(at::linalg_inv(gaussian.precision));
+  torch::manual_seed(5);
+  const torch::Tensor draws =
+      torch::randn({kDraws, 7}, torch::kFloat64).matmul(root.t()).add(gaussian.mean).contiguous();
+  std::array<std::array<torch::Tensor, 3>, 3> values;
+  for (auto& channel : values) {
+    for (torch::Tensor& parameter : channel) parameter = torch::empty({kDraws}, torch::kFloat64);
+  }
+  for (int64_t i = 0; i < kDraws; ++i) {
+    const double* row = draws[i].data_ptr<double>();
+    const std::vector<Material> materials = space.materials({row, 7});
+    for (size_t c = 0; c < 3; ++c) {
+      EXPECT_EQ(materials[c].g, materials[0].g);
+      values[c][0].data_ptr<double>()[i] = materials[c].sigma_t;
+      values[c][1].data_ptr<double>()[i] = materials[c].albedo;
+      values[c][2].data_ptr<double>()[i] = materials[c].g;
+    }
+  }
+  for (size_t c = 0; c < 3; ++c) {
+    for (size_t k = 0; k < 3; ++k) {
+      const ParameterPosterior& p = quick[c].material.parameters[k];
+      const double sd = values[c][k].std().item<double>();
+      EXPECT_NEAR(p.mean, values[c][k].mean().item<double>(), 0.02 * sd) << c << ", " << k;
+      EXPECT_NEAR(p.standard_deviation, sd, 0.03 * sd) << c << ", " << k;
+      const torch::Tensor sorted = std::get<0>(values[c][k].sort());
+      EXPECT_NEAR(p.low, sorted[kDraws / 20].item<double>(), 0.08 * sd) << c << ", " << k;
+      EXPECT_NEAR(p.high, sorted[kDraws - kDraws / 20].item<double>(), 0.08 * sd) << c << ", " << k;
+    }
+  }
 }
 
 }  // namespace

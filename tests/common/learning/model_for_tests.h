@@ -61,9 +61,20 @@ inline v1::Model small_model(v1::Parameterization parameterization = v1::SIMILAR
   return model;
 }
 
-// A residual network with a Gaussian output, of random weights.
-inline v1::Model residual_model(int resolution = 32, v1::Exposure exposure = v1::EXPOSURE_KNOWN) {
+// A residual network with a Gaussian output, of random weights; with `channels` 3 in colour.
+inline v1::Model residual_model(int resolution = 32, v1::Exposure exposure = v1::EXPOSURE_KNOWN,
+                                uint32_t channels = 1) {
   v1::Model model = small_model(v1::UNBOUNDED, resolution);
+  if (channels == 3) {
+    model.set_channels(3);
+    const v1::Model gray = model;
+    model.clear_mean();
+    model.clear_standard_deviation();
+    for (const int i : {0, 0, 0, 1, 1, 1, 2}) {
+      model.add_mean(gray.mean(i));
+      model.add_standard_deviation(gray.standard_deviation(i));
+    }
+  }
   auto& sizes = *model.mutable_architecture()->mutable_residual_convolutions();
   sizes.set_base_channels(4);
   sizes.set_blocks(2);
@@ -76,7 +87,7 @@ inline v1::Model residual_model(int resolution = 32, v1::Exposure exposure = v1:
   encoder->train();
   for (int batch = 0; batch < 40; ++batch) {
     torch::Tensor input = torch::randn({8, input_channels(model), resolution, resolution});
-    input.select(1, 3).fill_(1);  // the mask
+    input.select(1, -1).fill_(1);  // the mask
     encoder->forward(input);
   }
   for (NamedTensor& named : all_tensors(*encoder)) {

@@ -149,5 +149,64 @@ TEST(Resampled, AveragesTheObjectAndNothingOfTheBackground) {
   EXPECT_EQ(small.luminance[0][3][5].item<float>(), 0);
 }
 
+// --- In colour ---
+
+// Red, green and blue of one object.
+ImageBatch coloured_square() {
+  const std::vector<ImageBatch> planes{
+      square([](int y, int x) { return 2 + std::sin(0.3 * x) + 0.01 * y; }),
+      square([](int y, int x) { return 1 + 0.5 * std::sin(0.9 * x) + 0.02 * y; }),
+      square([](int y, int x) { return 0.5 + 0.01 * x + 0.005 * y; })};
+  ImageBatch image = concatenated(planes);
+  image.channels = 3;
+  return image;
+}
+
+TEST(ColourInput, HasThePlanesOfEachColourThenTheMask) {
+  v1::Model colour = ratios();
+  colour.set_channels(3);
+  EXPECT_EQ(input_channels(colour), 10);
+  ImageBatch two = concatenated(std::vector<ImageBatch>{coloured_square(), coloured_square()});
+  EXPECT_EQ(two.size(), 2);
+  two.luminance[3] *= 2;  // red of the second
+  const torch::Tensor input = network_input(colour, two);
+  ASSERT_EQ(input.sizes(), torch::IntArrayRef({2, 10, kSide, kSide}));
+  ImageBatch planes = two;
+  planes.channels = 1;
+  const torch::Tensor gray = network_input(ratios(), planes);
+  for (int64_t i = 0; i < 2; ++i) {
+    for (int64_t c = 0; c < 3; ++c) {
+      EXPECT_TRUE(
+          torch::equal(input[i].slice(0, 3 * c, 3 * c + 3), gray[3 * i + c].slice(0, 0, 3)));
+    }
+    EXPECT_TRUE(torch::equal(input[i][9], two.mask[0]));
+  }
+}
+
+// What is unknown is one exposure for all colours, whose ratios stay.
+TEST(ColourInput, OfUnknownExposureDoesNotSeeTheScaleButTheColour) {
+  v1::Model colour = ratios(v1::EXPOSURE_UNKNOWN);
+  colour.set_channels(3);
+  const ImageBatch image = coloured_square();
+  ImageBatch brighter = image, redder = image;
+  brighter.luminance = 7 * image.luminance;
+  redder.luminance = image.luminance.clone();
+  redder.luminance[0] *= 2;
+  const torch::Tensor input = network_input(colour, image);
+  EXPECT_LT((network_input(colour, brighter) - input).abs().max().item<float>(), 1e-5);
+  EXPECT_GT((network_input(colour, redder) - input).abs().max().item<float>(), 0.2);
+}
+
+TEST(ColourInput, LuminanceIsThatOfFilms) {
+  const ImageBatch image = coloured_square();
+  const ImageBatch luminance = luminance_of(image);
+  EXPECT_EQ(luminance.size(), 1);
+  EXPECT_EQ(luminance.channels, 1);
+  const auto at = [&](int64_t c) { return image.luminance[c][20][30].item<double>(); };
+  EXPECT_NEAR(luminance.luminance[0][20][30].item<double>(),
+              0.2126 * at(0) + 0.7152 * at(1) + 0.0722 * at(2), 1e-6);
+  EXPECT_TRUE(torch::equal(luminance.mask[0], image.mask[0]));
+}
+
 }  // namespace
 }  // namespace itn

@@ -87,6 +87,45 @@ TEST(PredictionBounds, TellTheTrainingRange) {
   }
 }
 
+// Of materials that absorb next to nothing the network can say so.
+TEST(PredictionBounds, ReachTheBrightestOfTheTraining) {
+  v1::MaterialRange range = paper_range();
+  range.mutable_albedo()->set_max(0.99);
+  EXPECT_EQ(prediction_bounds(range).albedo().max(), 0.999);
+  range.mutable_albedo()->set_max(0.9999);
+  const v1::MaterialRange bounds = prediction_bounds(range);
+  EXPECT_EQ(bounds.albedo().max(), 0.9999);
+  EXPECT_EQ(training_range(bounds).albedo().max(), 0.9999);
+}
+
+TEST(AnswerSpace, HasTheChannelsBesideEachOther) {
+  v1::Model model = small_model(v1::UNBOUNDED);
+  const OutputSpace gray(model);
+  model.set_channels(2);
+  EXPECT_THROW(AnswerSpace{model}, Error);
+  model.set_channels(3);
+  EXPECT_THROW(AnswerSpace{model}, Error);  // three numbers are too few
+  for (int i = 3; i < 7; ++i) {
+    model.add_mean(0.1 * i);
+    model.add_standard_deviation(1 + 0.1 * i);
+  }
+  const AnswerSpace space(model);
+  EXPECT_EQ(space.size(), 7);
+  const std::vector<Material> materials{{50, 0.6, 0.3}, {70, 0.8, 0.3}, {90, 0.9, 0.3}};
+  const std::vector<double> numbers = space.standardized(materials);
+  ASSERT_EQ(numbers.size(), 7);
+  const std::vector<Material> back = space.materials(numbers);
+  for (size_t c = 0; c < 3; ++c) {
+    EXPECT_NEAR(back[c].sigma_t, materials[c].sigma_t, 1e-9);
+    EXPECT_NEAR(back[c].albedo, materials[c].albedo, 1e-12);
+    EXPECT_NEAR(back[c].g, materials[c].g, 1e-12);
+  }
+  // The first coordinate of red is the first of all, in its own unit.
+  EXPECT_DOUBLE_EQ(numbers[0], gray.standardized(materials[0])[0]);
+  model.set_parameterization(v1::SIMILARITY);
+  EXPECT_THROW(AnswerSpace{model}, Error);
+}
+
 TEST(OutputSpace, StandardizedIsUndoneByMaterial) {
   for (const auto parameterization : kAll) {
     const OutputSpace space(small_model(parameterization));

@@ -156,8 +156,11 @@ TEST(Predictor, GivesTheTruthALikelihood) {
       predictor.estimate(disc(32, 32, 1, 16, 16, 10.8).photograph())[0];
   const OutputSpace space(residual_model());
   const std::vector<double>& o = estimate.outputs;
-  EXPECT_GT(predictor.log_likelihood(estimate, space.material({o[0], o[1], o[2]})),
-            predictor.log_likelihood(estimate, space.material({o[0] + 0.5, o[1], o[2]})));
+  const auto likelihood = [&](const MaterialCoordinates& at) {
+    const Material truth = space.material(at);
+    return predictor.log_likelihood(estimate, std::span(&truth, 1));
+  };
+  EXPECT_GT(likelihood({o[0], o[1], o[2]}), likelihood({o[0] + 0.5, o[1], o[2]}));
 }
 
 TEST(Predictor, TakesEachChannelByItself) {
@@ -382,7 +385,7 @@ TEST(Predictor, CombinesImagesOfOneMaterial) {
   const auto answer = [&](size_t image, size_t channel) {
     ImageAnswer result;
     const auto& estimates = std::get<std::vector<MaterialEstimate>>(outcomes.each[image]);
-    std::ranges::copy(estimates[channel].outputs, result.outputs.begin());
+    result.outputs = estimates[channel].outputs;
     return result;
   };
   for (size_t channel = 0; channel < 3; ++channel) {
@@ -467,6 +470,67 @@ TEST(Predictor, SaysWhichIntervalsReachTheEndOfWhatItCanAnswer) {
   EXPECT_THAT(after.at_bounds, ::testing::Contains(v1::SIGMA_T_MAX));
   const v1::PredictReply reply = to_reply(std::vector{after}, {});
   EXPECT_THAT(reply.caveats(0).at_bounds(), ::testing::Contains(v1::SIGMA_T_MAX));
+}
+
+// --- In colour ---
+
+TEST(ColourPredictor, AnswersAboutAllColoursTogether) {
+  const Predictor predictor(residual_model(32, v1::EXPOSURE_UNKNOWN, 3));
+  const Pixels photograph = disc(60, 50, 3, 25, 24, 18);
+  const std::vector<MaterialEstimate> estimates = predictor.estimate(photograph.photograph());
+  ASSERT_EQ(estimates.size(), 3);
+  for (const MaterialEstimate& estimate : estimates) {
+    EXPECT_NO_THROW(validate(estimate.material));
+    EXPECT_EQ(estimate.outputs, estimates[0].outputs);
+    EXPECT_EQ(estimate.outputs.size(), gaussian_outputs(7));
+    EXPECT_EQ(estimate.posterior->material.parameters[2].mean,
+              estimates[0].posterior->material.parameters[2].mean);
+  }
+  EXPECT_NE(estimates[0].material.sigma_t, estimates[2].material.sigma_t);
+  // Another exposure changes nothing, another colour all.
+  Pixels brighter = photograph, bluer = photograph;
+  for (float& value : brighter.values) value *= 4;
+  for (size_t p = 2; p < bluer.values.size(); p += 3) bluer.values[p] *= 2;
+  const auto red_of = [&](const Pixels& pixels) {
+    return predictor.estimate(pixels.photograph())[0].material.sigma_t;
+  };
+  EXPECT_NEAR(red_of(brighter), estimates[0].material.sigma_t,
+              1e-3 * estimates[0].material.sigma_t);
+  EXPECT_GT(std::abs(red_of(bluer) / estimates[0].material.sigma_t - 1), 1e-3);
+  expect_error(ErrorKind::kInvalidInput, {"in colour", "one channel"},
+               [&] { predictor.estimate(disc(32, 32, 1, 16, 16, 10.8).photograph()); });
+}
+
+TEST(ColourPredictor, AnswersToSeveralAsToEach) {
+  const Predictor predictor(residual_model(32, v1::EXPOSURE_UNKNOWN, 3));
+  const std::vector<Pixels> photographs{disc(60, 50, 3, 25, 24, 18), disc(40, 40, 3, 20, 20, 12),
+                                        disc(32, 32, 1, 16, 16, 10.8)};
+  const auto outcomes = predictor.estimate_each(
+      photographs.size(), [&](size_t i) { return predictor.seen(photographs[i].photograph()); },
+      false);
+  for (size_t i = 0; i < 2; ++i) {
+    const auto& together = std::get<std::vector<MaterialEstimate>>(outcomes.each[i]);
+    ASSERT_EQ(together.size(), 3);
+    EXPECT_EQ(together[1].outputs, predictor.estimate(photographs[i].photograph())[1].outputs);
+  }
+  EXPECT_TRUE(std::holds_alternative<Error>(outcomes.each[2]));
+}
+
+// A white card tells the colour of the light, though not how bright it was to the camera.
+TEST(ColourPredictor, TakesTheLightsColourFromACard) {
+  const Predictor predictor(residual_model(32, v1::EXPOSURE_UNKNOWN, 3));
+  const Pixels photograph = disc(32, 32, 3, 16, 16, 10.8);
+  Pixels tinted = photograph;
+  for (size_t p = 0; p < tinted.values.size(); p += 3) tinted.values[p] *= 3;
+  v1::Capture card;
+  for (const double white : {3.0, 1.0, 1.0}) card.add_white(white);
+  const auto outputs = [&](const Pixels& pixels, const v1::Capture& capture) {
+    return predictor.estimate(pixels.photograph(), capture)[0].outputs;
+  };
+  const std::vector<double> expected = outputs(photograph, {});
+  const std::vector<double> corrected = outputs(tinted, card), misled = outputs(tinted, {});
+  for (size_t k = 0; k < expected.size(); ++k) EXPECT_NEAR(corrected[k], expected[k], 1e-3);
+  EXPECT_GT(std::abs(misled[0] - expected[0]), 1e-2);
 }
 
 }  // namespace
