@@ -326,7 +326,7 @@ TEST(ItemScene, ChecksWhatItsSizeFollowsFrom) {
                  [](auto& item, auto&) { item.mutable_rotation()->set_angle_degrees(5); });
 }
 
-// What is white has the luminance of the light, and the colour of a low sun.
+// What is white has the luminance of the light, and the colour of a low sun or of the sky.
 TEST(WhiteOf, IsTheColourOfTheLightThatFallsFromAbove) {
   v1::DatasetItem item;
   item.mutable_light()->mutable_flash()->set_irradiance(100);
@@ -334,6 +334,7 @@ TEST(WhiteOf, IsTheColourOfTheLightThatFallsFromAbove) {
   v1::SunSky& sun = *item.mutable_light()->mutable_sun_sky();
   sun.set_turbidity(6);
   sun.set_sun_angular_radius_degrees(2);
+  sun.set_sky_scale(0);
   const auto white_at = [&](float elevation) {
     sun.set_sun_elevation_degrees(elevation);
     const std::array<double, 3> white = white_of(item);
@@ -342,6 +343,10 @@ TEST(WhiteOf, IsTheColourOfTheLightThatFallsFromAbove) {
   };
   const std::array<double, 3> low = white_at(12), high = white_at(80);
   EXPECT_GT(low[0] / low[2], 1.1 * high[0] / high[2]);
+  sun.set_sky_scale(1);
+  sun.set_sun_scale(0);
+  const std::array<double, 3> sky = white_at(30);
+  EXPECT_GT(sky[2], sky[0]);
 }
 
 }  // namespace
