@@ -349,5 +349,36 @@ TEST_F(TrainingCommands, ADatasetOfManyShapesIsSummarised) {
                     HasSubstr("1 test images of 30 shapes"), Not(HasSubstr("mesh1"))));
 }
 
+// --- In colour ---
+
+// A network that has learned from three colours together answers about a photograph of them.
+TEST_F(TrainingCommands, LearnFromADatasetInColour) {
+  const std::string config = folder_.write(
+      "colour.textproto",
+      "count: 8 resolution: 16 spp: 2 test_shapes: \"cube\" materials { colours {} }");
+  const std::string data = folder_.path("colour"), trained = folder_.path("run");
+  const Finished rendered = run({testing::kItn, "dataset", data, "--config", config});
+  ASSERT_EQ(rendered.exit_code, 0) << rendered.errors;
+  const Arguments train = {testing::kItn, "train",           data, "-o",      trained, "--batch",
+                           "2",           "--base-channels", "4",  "--steps", "2"};
+  const Finished refused = run(train);
+  EXPECT_EQ(refused.exit_code, 3);
+  EXPECT_THAT(refused.errors, HasSubstr("in colour, which takes the input RATIOS"));
+  const Finished learned = run(train + Arguments{"--preset", "residual", "--exposure", "unknown"});
+  ASSERT_EQ(learned.exit_code, 0) << learned.errors;
+  const Finished evaluated = run({testing::kItn, "evaluate", trained, "--dataset", data,
+                                  "--examples", "1", "--rerender", "1", "--spp", "2"});
+  ASSERT_EQ(evaluated.exit_code, 0) << evaluated.errors;
+  EXPECT_THAT(evaluated.output, HasSubstr(".exr B:  sigma_t"));
+  const Finished predicted = run({testing::kItn, "predict", data + "/images/000000.exr", "--model",
+                                  trained, "--format", "csv"});
+  ASSERT_EQ(predicted.exit_code, 0) << predicted.errors;
+  EXPECT_EQ(std::ranges::count(predicted.output, '\n'), 4) << predicted.output;
+  const Finished gray =
+      run({testing::kItn, "predict", shared_->path("data/images/000000.exr"), "--model", trained});
+  EXPECT_EQ(gray.exit_code, 3);
+  EXPECT_THAT(gray.errors, HasSubstr("photographs in colour; this one has one channel"));
+}
+
 }  // namespace
 }  // namespace itn
