@@ -31,10 +31,11 @@ class SplitImages {
               const fs::path& folder) {
     if (dataset.items(split).empty()) return;
     labelled_ = images_of(dataset, split);
-    inputs_.emplace(
-        labelled_,
-        PackedFormat{.resolution = static_cast<int>(model.resolution()), .input = model.input()},
-        folder, interruption());
+    inputs_.emplace(labelled_,
+                    PackedFormat{.resolution = static_cast<int>(model.resolution()),
+                                 .input = model.input(),
+                                 .channels = static_cast<int>(channels_of(model))},
+                    folder, interruption());
   }
 
   ImageSource source() const { return inputs_ ? source_of(*inputs_) : ImageSource(); }

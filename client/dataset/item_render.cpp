@@ -16,6 +16,8 @@ namespace {
 // The branch of an item's seed for its pilot: not the random numbers of its image, nor of those it
 // is compared with.
 constexpr uint64_t kPilotBranch = 2;
+// The branch for the renders of single colours, in which each has its own.
+constexpr uint64_t kColourBranch = 3;
 
 // Objects of datasets are so long, in mm.
 constexpr double kLongestSide = 1;
@@ -53,7 +55,7 @@ RenderJob ItemRenders::job(size_t number, uint32_t spp) const {
     query.colours = colours_of(*item_);
   } else {
     query.material = from_proto(item_->colours(static_cast<int>(number)));
-    query.seed = derive_seed(item_->seed(), {number});
+    query.seed = derive_seed(item_->seed(), {kColourBranch, number});
   }
   return job_of(query);
 }

@@ -14,6 +14,7 @@
 #include "common/angle.h"
 #include "common/error.h"
 #include "common/scene/field_check.h"
+#include "common/scene/material_proto.h"
 #include "common/vec.h"
 #include "server/renderer.h"
 
@@ -243,15 +244,26 @@ void check_item(const v1::DatasetItem& item, const std::string& path) {
         "with none",
         path, v1::Film::Channel_Name(item.channel()), item.colours_size()));
   }
+  for (const v1::Material& colour : item.colours()) {
+    validate(from_proto(colour), path + ".colours");
+    if (colour.g() != item.colours(0).g()) {
+      throw invalid_input(fmt::format("{}.colours have the g {} and {}; they must have one", path,
+                                      item.colours(0).g(), colour.g()));
+    }
+  }
 }
 
 std::array<double, 3> white_of(const v1::DatasetItem& item, const v1::Pixels* panorama) {
-  const auto over_luminance = [](const auto& light) {
+  const auto over_luminance = [&](const auto& light) {
     const double luminance = irradiance_from_above(light, v1::Film::LUMINANCE);
     std::array<double, 3> white{};
     for (const v1::Film::Channel colour : {v1::Film::RED, v1::Film::GREEN, v1::Film::BLUE}) {
-      white.at(static_cast<size_t>(colour - v1::Film::RED)) =
-          irradiance_from_above(light, colour) / luminance;
+      const double irradiance = irradiance_from_above(light, colour);
+      if (!(irradiance > 0)) {
+        throw invalid_input(fmt::format("the light of {} is black above the horizon in {}",
+                                        item.file(), v1::Film::Channel_Name(colour)));
+      }
+      white.at(static_cast<size_t>(colour - v1::Film::RED)) = irradiance / luminance;
     }
     return white;
   };

@@ -57,6 +57,8 @@ void set_experiment_defaults(v1::Experiment& experiment) {
 void validate_dataset(const v1::Experiment& experiment) {
   v1::DatasetConfig config = experiment.dataset();
   validate(config);
+  require(!config.materials().has_colours(),
+          "dataset: an experiment is about images with one channel, not in colour");
   require(config.test_fraction() > 0 || config.test_shapes_size() > 0,
           "dataset: there is no test split, and the tables are about it");
   require(config.validation_fraction() > 0 || config.validation_shapes_size() > 0,

@@ -47,6 +47,12 @@ PackedInputs::PackedInputs(const LabelledImages& images, const PackedFormat& for
 }
 
 void PackedInputs::pack(const LabelledImages& images, const std::stop_token& stop) {
+  if (format_.channels != static_cast<int>(images.channels)) {
+    throw invalid_input(
+        fmt::format("the network is for images with {}; those of the dataset have {}",
+                    format_.channels == 1 ? "one channel" : "three channels, in colour",
+                    images.channels == 1 ? "one" : "three"));
+  }
   if (format_.resolution > images.resolution) {
     throw invalid_input(fmt::format(
         "the network is for {0} x {0} pixels; the images have {1} x {1}, which are fewer",

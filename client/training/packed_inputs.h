@@ -26,7 +26,8 @@ struct PackedFormat {
 class PackedInputs {
  public:
   // `folder`: where the files are. `derivatives`: of the dataset, are packed, too. Throws Error:
-  // kInvalidInput (the images are smaller than the format; there are no derivatives), kIo (no room
+  // kInvalidInput (the images are smaller than the format, or
+  // have other channels; there are no derivatives), kIo (no room
   // there), kCancelled, and as LabelledImages::read.
   PackedInputs(const LabelledImages& images, const PackedFormat& format,
                const std::filesystem::path& folder, std::stop_token stop = {},

@@ -16,6 +16,7 @@ namespace {
 
 // A smaller mean of a mask is none; so is a smaller luminance.
 constexpr double kNothing = 1e-6, kNoLight = 1e-20;
+constexpr double kMuchNoise = 100;  // over the luminance
 // Keeps the logarithm of black finite: a hundredth of the mean radiance of objects.
 constexpr double kBlack = 0.01;
 // What is brighter is a firefly, a lamp, or no translucent object.
@@ -165,7 +166,9 @@ ImageBatch luminance_of(const ImageBatch& images) {
   result.luminance = (by_image(images.luminance) * weights).sum(1);
   result.mask = by_image(images.mask).select(1, 0);
   if (images.noise.defined()) {  // of colours, which may have come from the same paths
-    result.noise = (by_image(images.noise * images.luminance) * weights).sum(1) /
+    // A black pixel of one colour may be nothing but noise, infinitely much of it.
+    const torch::Tensor noise = images.noise.clamp_max(kMuchNoise);
+    result.noise = (by_image(noise * images.luminance) * weights).sum(1) /
                    result.luminance.clamp_min(kNoLight);
   }
   return result;

@@ -219,6 +219,10 @@ int64_t Predictor::inputs_at_a_time() const {
 // Each image is prepared by itself, as sums over several at once would depend on how many they are.
 // The last layer is linear: the mean of what it sees gives the mean of its answers.
 Features Predictor::features_of(const ImageBatch& as_measured, const Embed& embed) const {
+  if (as_measured.channels != static_cast<int64_t>(space_.channels())) {
+    throw invalid_input(fmt::format("the model {} answers about images of {} channels, not of {}",
+                                    model_.name(), space_.channels(), as_measured.channels));
+  }
   std::vector<torch::Tensor> inputs, statistics;
   for (int64_t i = 0; i < as_measured.size(); ++i) {
     const ImageBatch measured = image_of(as_measured, i);

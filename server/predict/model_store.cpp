@@ -72,10 +72,12 @@ std::pair<std::string, std::string> parsed(const std::string& text) {
 // What a network of NaN, or one that overflows, would not.
 void check_answers_with_numbers(const Predictor& predictor, const fs::path& path) {
   const int64_t side = predictor.model().resolution();
+  const auto channels = static_cast<int64_t>(predictor.channels());
   ImageBatch plain;
+  plain.channels = channels;
   plain.luminance =
-      torch::ones({1, side, side}) / static_cast<float>(predictor.model().image_scale());
-  plain.mask = torch::ones({1, side, side});
+      torch::ones({channels, side, side}) / static_cast<float>(predictor.model().image_scale());
+  plain.mask = torch::ones({channels, side, side});
   if (needs_weight_map(predictor.model().input())) plain.weight = torch::ones({1, side, side});
   const std::vector<MaterialEstimate> estimates = predictor.estimate(plain);
   for (const double output : estimates.front().outputs) {

@@ -95,11 +95,12 @@ constexpr uint64_t kNetworkBytes = uint64_t{32} << 20;
 
 // What is made of photographs for the network, until it has seen them: planes of its resolution.
 uint64_t bytes_of_inputs(const Predictor& predictor, int64_t images) {
-  constexpr int64_t kPlanes = 20, kMaxChannels = 3;
+  constexpr int64_t kMaxChannels = 3;
+  const int64_t planes = 20 * static_cast<int64_t>(predictor.channels());
   const int64_t side = predictor.model().resolution();
   const int64_t at_once =
       std::min(images * kMaxChannels, predictor.inputs_at_a_time() + kMaxChannels);
-  return static_cast<uint64_t>(at_once * side * side * kPlanes) * sizeof(float);
+  return static_cast<uint64_t>(at_once * side * side * planes) * sizeof(float);
 }
 
 uint64_t bytes_of(const v1::PredictRequest& request) {

@@ -374,6 +374,11 @@ TEST_F(TrainingCommands, LearnFromADatasetInColour) {
                                   trained, "--format", "csv"});
   ASSERT_EQ(predicted.exit_code, 0) << predicted.errors;
   EXPECT_EQ(std::ranges::count(predicted.output, '\n'), 4) << predicted.output;
+  // A dataset of the other kind says nothing of the model.
+  const Finished exported = run({testing::kItn, "export", trained, "-o", folder_.path("m.itn"),
+                                 "--dataset", shared_->path("data")});
+  EXPECT_EQ(exported.exit_code, 3) << exported.errors;
+  EXPECT_THAT(exported.errors, HasSubstr("in colour; those of the dataset have one"));
   const Finished gray =
       run({testing::kItn, "predict", shared_->path("data/images/000000.exr"), "--model", trained});
   EXPECT_EQ(gray.exit_code, 3);

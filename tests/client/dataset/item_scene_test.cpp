@@ -310,6 +310,17 @@ TEST(ItemScene, ChecksWhatItsSizeFollowsFrom) {
                  [](auto& item, auto&) { item.set_channel(v1::Film::RGB); });
   expect_refused("items[0] has the channel LUMINANCE and 1 colours",
                  [](auto& item, auto&) { item.add_colours(); });
+  const auto add_colours = [](v1::DatasetItem& item, double g_of_blue) {
+    item.set_channel(v1::Film::RGB);
+    for (const double g : {0.2, 0.2, g_of_blue}) {
+      item.add_colours()->set_sigma_t(10);
+      item.mutable_colours()->rbegin()->set_g(g);
+    }
+  };
+  EXPECT_NO_THROW(check([&](auto& item, auto&) { add_colours(item, 0.2); }));
+  expect_refused("items[0].colours have the g 0.2 and 0.3",
+                 [&](auto& item, auto&) { add_colours(item, 0.3); });
+  expect_refused("g is 2", [&](auto& item, auto&) { add_colours(item, 2); });
   for (const float size : {0.0F, 1e-9F, 121.0F}) {
     expect_refused("items[0].light.studio.emitters[0].size_degrees is",
                    [&](auto&, auto& emitter) { emitter.set_size_degrees(size); });

@@ -44,6 +44,7 @@ TEST(ExperimentFile, WhatIsOutOfRangeIsNamed) {
   expect_refused(file("rate_search { rates: 1e-3 }"), {"rate_search.steps is 0"});
   expect_refused(file("dataset { test_fraction: 0 }"), {"no test split"});
   expect_refused(file("dataset { validation_fraction: 0 }"), {"no validation split"});
+  expect_refused(file("dataset { materials { colours {} } }"), {"not in colour"});
   expect_refused(file("other_noise {}"), {"other_noise says nothing"});
   expect_refused(file("other_noise { target { target: 3 } }"), {"other_noise: ", "target is 3"});
   expect_refused(file("networks { name: \"A+\" }"), {"two networks are called A+"});

@@ -392,6 +392,12 @@ TEST_F(ColourTrainingTest, LearnsSevenNumbers) {
   EXPECT_LT(error, 0.25 * prior);
 }
 
+TEST_F(ColourTrainingTest, ChannelsMustBeThoseOfTheNetwork) {
+  const PackedFormat gray{.resolution = kSize, .input = v1::RATIOS};
+  testing::expect_error(ErrorKind::kInvalidInput, {"one channel", "three"},
+                        [&] { PackedInputs(images_, gray, folder_); });
+}
+
 // Colours of an image are moved together, and have noise of their own.
 TEST_F(ColourTrainingTest, AugmentationKeepsColoursTogether) {
   images_.truth[1] = images_.truth[0];  // green of the first image as red

@@ -208,5 +208,13 @@ TEST(ColourInput, LuminanceIsThatOfFilms) {
   EXPECT_TRUE(torch::equal(luminance.mask[0], image.mask[0]));
 }
 
+TEST(ColourInput, ABlackColourOfNothingButNoiseLeavesTheRest) {
+  ImageBatch image = coloured_square();
+  image.noise = torch::full_like(image.luminance, 0.1F);
+  image.luminance[2].fill_(0);
+  image.noise[2].fill_(HUGE_VALF);
+  EXPECT_NEAR(luminance_of(image).noise[0][20][30].item<double>(), 0.1, 1e-6);
+}
+
 }  // namespace
 }  // namespace itn
