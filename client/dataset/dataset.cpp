@@ -195,6 +195,11 @@ Image DatasetReader::file_of(const v1::DatasetItem& item) const {
   return image;
 }
 
+std::vector<std::string> channel_names(const v1::DatasetItem& item) {
+  if (item.colours().empty()) return {"Y"};
+  return {kColourChannels.begin(), kColourChannels.end()};
+}
+
 DatasetImage DatasetReader::image(const v1::DatasetItem& item) const {
   require(item.colours().empty(),
           fmt::format("{} is in colour, where an image with one channel is needed",
@@ -210,10 +215,8 @@ std::vector<DatasetImage> DatasetReader::channels(const v1::DatasetItem& item) c
           fmt::format("{} does not say how noisy it is", (folder_ / item.file()).string()));
   require(*noise >= 0, fmt::format("{} says a relative noise of {}; it must be >= 0",
                                    (folder_ / item.file()).string(), *noise));
-  std::vector<std::string> names{"Y"};
-  if (!item.colours().empty()) names.assign(kColourChannels.begin(), kColourChannels.end());
   std::vector<DatasetImage> channels;
-  for (const std::string& name : names) {
+  for (const std::string& name : channel_names(item)) {
     channels.push_back({image.channel(name), image.channel("mask.Y"),
                         image.channel("stderr." + name), *noise, static_cast<uint32_t>(*spp)});
   }

@@ -45,6 +45,9 @@ bool holds_file(const std::filesystem::path& folder, const std::string& file,
 // The channels of images in colour.
 inline constexpr std::array<const char*, 3> kColourChannels{"R", "G", "B"};
 
+// The channels of an item's image: Y, or those.
+std::vector<std::string> channel_names(const v1::DatasetItem& item);
+
 // One channel of an image, with its mask.
 struct DatasetImage {
   std::vector<float> radiance;  // resolution x resolution

@@ -243,10 +243,9 @@ void add_colours(const RenderedGroup& rendered, Image& image) {
 }
 
 // Of the noisiest channel.
-double noise_of(const Image& image, bool in_colour) {
+double noise_of(const Image& image, const v1::DatasetItem& item) {
   double most = 0;
-  for (const std::string name : {"Y", "R", "G", "B"}) {
-    if (in_colour == (name == "Y")) continue;
+  for (const std::string& name : channel_names(item)) {
     most = std::max(most, relative_noise(image.channel(name), image.channel("stderr." + name),
                                          image.channel("mask.Y")));
   }
@@ -258,21 +257,20 @@ Image image_of(const DatasetReader& dataset, const RenderedGroup& rendered, size
   const Group& group = *rendered.group;
   const v1::DatasetItem& item = *group[member];
   const v1::RenderGradReply& reply = rendered.replies.front();
-  const bool in_colour = !item.colours().empty();
   Image image;
   image.width = static_cast<int>(reply.width());
   image.height = static_cast<int>(reply.height());
   image.channels["mask.Y"] = from_bytes<float>(reply.mask());
-  if (in_colour) {
-    add_colours(rendered, image);
-  } else {
+  if (item.colours().empty()) {
     add_luminance(rendered, member, image);
+  } else {
+    add_colours(rendered, image);
   }
   if (dataset.manifest().config().derivatives()) add_derivatives(reply, image);
   image.attributes = attributes_of(item);
   image.attributes[attribute::kSeed] = std::to_string(group.front()->seed());
   image.attributes[attribute::kSpp] = static_cast<int>(std::ranges::max(rendered.spp));
-  image.attributes[attribute::kRelativeNoise] = noise_of(image, in_colour);
+  image.attributes[attribute::kRelativeNoise] = noise_of(image, item);
   image.attributes[attribute::kInvalidSamples] = static_cast<double>(rendered.invalid_samples);
   image.attributes[attribute::kLeaks] = static_cast<double>(rendered.leaks);
   image.attributes[attribute::kItem] = dataset.digest(item);

@@ -33,10 +33,12 @@ v1::Model start_model(const std::optional<v1::Model>& from, const v1::Model& fit
   return model;
 }
 
-PackedFormat format_of(const v1::TrainingConfig& config, const LabelledImages& images) {
+// What the network will be shown: one that goes on from a model has its channels.
+PackedFormat format_of(const v1::TrainingConfig& config, const LabelledImages& images,
+                       const std::optional<v1::Model>& from) {
   return {.resolution = resolution_of(config, images.resolution),
           .input = config.input(),
-          .channels = static_cast<int>(images.channels)};
+          .channels = static_cast<int>(from ? channels_of(*from) : images.channels)};
 }
 
 // The configuration, once it is valid.
@@ -75,15 +77,6 @@ RerenderingEvaluator image_term_of(const v1::TrainingConfig& config,
       std::move(stop));
 }
 
-void require_channels(const v1::Model& model, const LabelledImages& images) {
-  const size_t channels = channels_of(model);
-  if (channels == images.channels) return;
-  throw invalid_input(
-      fmt::format("the network that the training begins with is for images "
-                  "with {}, those of the dataset have {}",
-                  channels == 1 ? "one channel" : "three", images.channels == 1 ? "one" : "three"));
-}
-
 }  // namespace
 
 int resolution_of(const v1::TrainingConfig& config, int images) {
@@ -101,7 +94,7 @@ DatasetTraining::DatasetTraining(const v1::TrainingConfig& config, DatasetReader
     : config_(validated(config)),
       run_(std::move(run)),
       images_(with_labels(learnable(images_of(dataset, v1::SPLIT_TRAIN), config), config)),
-      inputs_(images_, format_of(config, images_), run_.folder, run_.stop,
+      inputs_(images_, format_of(config, images_, from), run_.folder, run_.stop,
               has_first_order_augmentation(config)) {
   if (run_.validate_every > 0 && !dataset.items(v1::SPLIT_VALIDATION).empty()) {
     validation_ =
@@ -119,7 +112,6 @@ DatasetTraining::DatasetTraining(const v1::TrainingConfig& config, DatasetReader
   const v1::DatasetConfig& drawn = dataset.manifest().config();
   start_ = start_model(
       from, fit_model(images_, inputs_.mean_radiance(), material_range(drawn), config), drawn);
-  require_channels(start_, images_);
   warn_of_albedos_out_of_reach(images_.truth, start_.bounds(), "the network");
 }
 

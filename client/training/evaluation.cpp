@@ -261,7 +261,7 @@ void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate
                     const LabelledImages& images, v1::Evaluation::Row& row) {
   if (predictor.model().output() != v1::GAUSSIAN || predictor.channels() != images.channels) return;
   const auto count = static_cast<int64_t>(images.items.size());
-  const auto n = static_cast<int64_t>(2 * images.channels + 1);
+  const auto n = static_cast<int64_t>(coordinate_count(images.channels));
   double sum = 0;
   torch::Tensor truths = torch::empty({count, n}, torch::kFloat64);
   for (int64_t i = 0; i < count; ++i) {

@@ -19,7 +19,7 @@ namespace {
 // By the coordinates of the labels.
 void fit_coordinates(const LabelledImages& images, v1::Model& model) {
   // Whatever they are standardised by, that is undone again.
-  const size_t n = 2 * images.channels + 1;
+  const size_t n = coordinate_count(images.channels);
   for (size_t i = 0; i < n; ++i) {
     model.add_mean(0);
     model.add_standard_deviation(1);

@@ -52,7 +52,7 @@ auto with_architecture(const v1::Model& model, const Use& use) {
 }  // namespace
 
 int64_t output_count(const v1::Model& model) {
-  const size_t coordinates = 2 * channels_of(model) + 1;
+  const size_t coordinates = coordinate_count(channels_of(model));
   switch (model.output()) {
     case v1::POINT: return static_cast<int64_t>(coordinates);
     case v1::GAUSSIAN: return static_cast<int64_t>(gaussian_outputs(coordinates));

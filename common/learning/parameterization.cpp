@@ -232,8 +232,8 @@ OutputSpace::OutputSpace(const v1::Model& model, size_t channel)
   if (channels > 1 && parameterization_ != v1::UNBOUNDED) {
     throw invalid_input("model.parameterization must be UNBOUNDED in colour");
   }
-  require_count("mean", model.mean_size(), 2 * channels + 1);
-  require_count("standard_deviation", model.standard_deviation_size(), 2 * channels + 1);
+  require_count("mean", model.mean_size(), coordinate_count(channels));
+  require_count("standard_deviation", model.standard_deviation_size(), coordinate_count(channels));
   for (size_t i = 0; i < 3; ++i) {
     const auto place = static_cast<int>(places_of(channel, channels).at(i));
     mean_[i] = model.mean(place);

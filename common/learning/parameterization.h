@@ -59,6 +59,11 @@ OpenInterval g_interval(const v1::MaterialRange& bounds);
 // Channels of the images that the model answers about.
 size_t channels_of(const v1::Model& model);
 
+// Coordinates of materials in so many channels, which share the third.
+constexpr size_t coordinate_count(size_t channels) {
+  return 2 * channels + 1;
+}
+
 // What the raw outputs of a network say about a channel of its images: standardised coordinates,
 // clamped to a box of materials.
 class OutputSpace {
@@ -98,7 +103,7 @@ class AnswerSpace {
   explicit AnswerSpace(const v1::Model& model);
 
   size_t channels() const { return channels_.size(); }
-  size_t size() const { return 2 * channels() + 1; }
+  size_t size() const { return coordinate_count(channels()); }
   const OutputSpace& channel(size_t channel) const { return channels_.at(channel); }
 
   // The numbers among all of size() that a channel has.

@@ -192,8 +192,10 @@ std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& as_measured,
     const torch::Tensor outputs = outputs_of(image.embedding);
     std::vector<MaterialEstimate> channels = estimates_of(
         {outputs.data_ptr<double>(), static_cast<size_t>(outputs.size(1))}, object_sizes[i]);
+    std::optional<OutlierScore> outlier;
+    if (outlier_detector_) outlier = outlier_detector_->scores(image).front();
     for (MaterialEstimate& channel : channels) {
-      if (outlier_detector_) channel.outlier = outlier_detector_->scores(image).front();
+      channel.outlier = outlier;
       estimates.push_back(std::move(channel));
     }
   }

@@ -312,23 +312,28 @@ class ResidualTrainingTest : public TrainingTest {
   v1::Model residual_start() const {
     return fit_model(images_, inputs_->mean_radiance(), range_, residual(v1::TrainingConfig::RN));
   }
+  // The regression losses of the steps of a training.
+  std::vector<double> losses_of(const v1::TrainingConfig& c, const v1::Model& from) const {
+    std::vector<double> losses;
+    TrainingRun r = run();
+    r.report = [&](const v1::TrainingMetrics& m) { losses.push_back(m.regression_loss()); };
+    train(c, images_, *inputs_, from, {}, r);
+    return losses;
+  }
 };
 
 // Products of less precision change each step a little, and what is learned not.
 TEST_F(ResidualTrainingTest, LearnsWithLessPrecision) {
   if (!testing::has_bfloat16()) GTEST_SKIP() << "oneDNN is kept from bfloat16";
-  const auto losses_of = [&](v1::TrainingConfig::Precision precision) {
-    std::vector<double> losses;
-    TrainingRun r = run();
-    r.report = [&](const v1::TrainingMetrics& m) { losses.push_back(m.regression_loss()); };
+  const auto losses_with = [&](v1::TrainingConfig::Precision precision) {
     v1::TrainingConfig c = residual(v1::TrainingConfig::RN, 300);
     c.set_precision(precision);
-    train(c, images_, *inputs_, residual_start(), {}, r);
+    std::vector<double> losses = losses_of(c, residual_start());
     begin_anew();
     return losses;
   };
-  const std::vector<double> full = losses_of(v1::TrainingConfig::FLOAT32);
-  const std::vector<double> less = losses_of(v1::TrainingConfig::BFLOAT16);
+  const std::vector<double> full = losses_with(v1::TrainingConfig::FLOAT32);
+  const std::vector<double> less = losses_with(v1::TrainingConfig::BFLOAT16);
   // The first answer is 0 whatever the precision.
   EXPECT_NE(less[1], full[1]);
   EXPECT_NEAR(less[1], full[1], 0.05);
@@ -366,16 +371,13 @@ class ColourTrainingTest : public ResidualTrainingTest {
 };
 
 TEST_F(ColourTrainingTest, LearnsSevenNumbers) {
-  std::vector<double> losses;
-  TrainingRun r = run();
-  r.report = [&](const v1::TrainingMetrics& m) { losses.push_back(m.regression_loss()); };
   v1::TrainingConfig c = residual(v1::TrainingConfig::RN, 600);
   c.set_batch(8);
   c.set_mean_weight(2);  // as the preset residual
   const v1::Model start = residual_start();
   EXPECT_EQ(start.channels(), 3);
   EXPECT_EQ(start.mean_size(), 7);
-  train(c, images_, *inputs_, start, {}, r);
+  const std::vector<double> losses = losses_of(c, start);
   // The first answer is the Gaussian of all truths: of seven standardised coordinates.
   const double constant = 3.5 * std::log(2 * std::numbers::pi) + 3.5;
   EXPECT_NEAR(losses.front(), constant, 1);
@@ -449,12 +451,9 @@ TEST_F(ResidualTrainingTest, AModelSaysHowItWasTrained) {
 
 // The images tell the material, and the network finds out: how, and that it may be sure of it.
 TEST_F(ResidualTrainingTest, LearnsTheTruthAndHowSureItMayBe) {
-  std::vector<double> losses;
-  TrainingRun r = run();
-  r.report = [&](const v1::TrainingMetrics& m) { losses.push_back(m.regression_loss()); };
   v1::TrainingConfig c = residual(v1::TrainingConfig::RN, 600);
   c.set_batch(8);
-  train(c, images_, *inputs_, residual_start(), {}, r);
+  const std::vector<double> losses = losses_of(c, residual_start());
   // The first answer is the Gaussian of all truths: of three standardised coordinates.
   const double constant = 1.5 * std::log(2 * std::numbers::pi) + 1.5;
   EXPECT_NEAR(mean_of_20(losses, 0), constant, 1);
