@@ -15,6 +15,7 @@ Solid machined_solid(Dice& dice);
 Solid turned_solid(Dice& dice);
 Solid thin_solid(Dice& dice);
 Solid mixed_solid(Dice& dice);
+Solid moulded_solid(Dice& dice);
 
 // --- What several kinds share ---
 

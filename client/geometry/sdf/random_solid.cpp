@@ -22,6 +22,7 @@ Solid random_solid(Kind kind, SplitMix& random) {
     case Kind::kTurned: return turned_solid(dice);
     case Kind::kThin: return thin_solid(dice);
     case Kind::kMixed: return mixed_solid(dice);
+    case Kind::kMoulded: return moulded_solid(dice);
   }
   return ball(1);
 }

@@ -9,7 +9,7 @@
 
 namespace itn::sdf {
 
-enum class Kind { kSmooth, kCreature, kFaceted, kMachined, kTurned, kThin, kMixed };
+enum class Kind { kSmooth, kCreature, kFaceted, kMachined, kTurned, kThin, kMixed, kMoulded };
 
 struct KindInfo {
   Kind kind;
@@ -17,14 +17,15 @@ struct KindInfo {
   double probability;
 };
 
-inline constexpr std::array<KindInfo, 7> kKinds{{
+inline constexpr std::array<KindInfo, 8> kKinds{{
     {Kind::kSmooth, "smooth", "round bodies that flow together, bent, twisted, dented", 0.16},
     {Kind::kCreature, "creature", "bodies with limbs, heads, horns and tails; busts; corals", 0.22},
     {Kind::kFaceted, "faceted", "gems, crystals, rocks, polyhedra, stars, stacks of blocks", 0.17},
     {Kind::kMachined, "machined", "drilled, slotted and stepped blanks, gears, flanges", 0.21},
     {Kind::kTurned, "turned", "vases, bowls, bottles, mugs, chessmen, fluted columns", 0.07},
     {Kind::kThin, "thin", "shells, blades, spikes, rings, knots, frames, lattices", 0.10},
-    {Kind::kMixed, "mixed", "two of these, one set upon the other or cut out of it", 0.07},
+    {Kind::kMixed, "mixed", "two of these, one set upon the other or cut out of it", 0.02},
+    {Kind::kMoulded, "moulded", "letters, stamped bars and tablets, candles", 0.05},
 }};
 
 // By the probabilities of kKinds.
