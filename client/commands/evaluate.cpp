@@ -136,6 +136,13 @@ void print_details(const v1::Evaluation::Row& row) {
                with_interval(row.relative().sigma_t(), row.relative_sigma_t()),
                with_interval(row.relative().albedo(), row.relative_albedo()),
                with_interval(row.relative().g(), row.relative_g()));
+  print_result("  mean absolute error over that of the best constant, the median:\n");
+  print_result("    sigma_t {}, albedo {}, g {}\n",
+               with_interval(row.relative_absolute().sigma_t(), row.relative_absolute_sigma_t()),
+               with_interval(row.relative_absolute().albedo(), row.relative_absolute_albedo()),
+               with_interval(row.relative_absolute().g(), row.relative_absolute_g()));
+  print_result("  RMSE of what the eye sees: diffuse albedo {:.3f}, ln diffusion length {:.3f}\n",
+               row.diffuse_albedo(), row.ln_diffusion_length());
   print_result(
       "  RMSE: ln sigma_t {:.3f}, sigma_a {:.2f}, sigma_s {:.1f}, sigma_s (1 - g) {:.1f} 1/mm\n",
       row.ln_sigma_t(), row.sigma_a(), row.sigma_s(), row.sigma_s_reduced());
@@ -145,6 +152,10 @@ void print_details(const v1::Evaluation::Row& row) {
     print_result(
         "  mean log-likelihood of the truth {:.3f}; of the Gaussian of all truths {:.3f}\n",
         row.log_likelihood(), row.constant_log_likelihood());
+  }
+  if (row.has_joint_coverage()) {
+    print_result("  in the 90 % region of all parameters together: {:.1f} % of the truths\n",
+                 100 * row.joint_coverage());
   }
   if (row.has_outlier_fraction()) {
     print_result("  outliers: {:.1f} % of the images\n", 100 * row.outlier_fraction());

@@ -99,14 +99,31 @@ std::vector<Material> materials_of(std::span<const MaterialEstimate> estimates) 
   return materials;
 }
 
-// Errors over the constant predictor's, with intervals over the shapes of the images.
-void set_intervals(std::span<const Squares> squares, const LabelledImages& images,
-                   v1::Evaluation::Row& row) {
+// The shape of each channel of each image.
+std::vector<std::string> shapes_of(const LabelledImages& images) {
   std::vector<std::string> shapes;
-  for (size_t i = 0; i < squares.size(); ++i) {
+  for (size_t i = 0; i < images.truth.size(); ++i) {
     shapes.push_back(images.items[i / images.channels]->shape());
   }
-  const ShapeBootstrap bootstrap(shapes);
+  return shapes;
+}
+
+// An interval over shapes of the ratio of the means of two kinds of terms.
+v1::Interval interval_of(const ShapeBootstrap& bootstrap,
+                         const std::array<std::vector<double>, 2>& terms,
+                         double (*ratio)(double ours, double of_constant)) {
+  const Estimate estimate = bootstrap.estimate(
+      terms, [ratio](std::span<const double> mean) { return ratio(mean[0], mean[1]); });
+  v1::Interval interval;
+  interval.set_min(estimate.low);
+  interval.set_max(estimate.high);
+  return interval;
+}
+
+// Root-mean-square errors over the constant predictor's, with intervals.
+void set_relative(std::span<const Squares> squares, const ShapeBootstrap& bootstrap,
+                  v1::Evaluation::Row& row) {
+  set(sum_of(squares).ratio(), *row.mutable_relative());
   v1::Interval* const intervals[] = {row.mutable_relative_sigma_t(), row.mutable_relative_albedo(),
                                      row.mutable_relative_g()};
   for (size_t k = 0; k < 3; ++k) {
@@ -115,11 +132,62 @@ void set_intervals(std::span<const Squares> squares, const LabelledImages& image
       terms[0].push_back(term.ours[k]);
       terms[1].push_back(term.constant[k]);
     }
-    const Estimate ratio = bootstrap.estimate(
-        terms, [](std::span<const double> mean) { return root_ratio(mean[0], mean[1]); });
-    intervals[k]->set_min(ratio.low);
-    intervals[k]->set_max(ratio.high);
+    *intervals[k] = interval_of(bootstrap, terms, root_ratio);
   }
+}
+
+// The answer with the smallest expected absolute error in each parameter, if a distribution says
+// it.
+MaterialCoordinates median_of(const MaterialEstimate& estimate) {
+  if (!estimate.posterior) return as_triple(estimate.material);
+  const auto& p = estimate.posterior->material.parameters;
+  return {p[0].median, p[1].median, p[2].median};
+}
+
+// Mean absolute errors over those of the truths' median, with intervals.
+void set_relative_absolute(std::span<const MaterialEstimate> estimates,
+                           const LabelledImages& images, const ShapeBootstrap& bootstrap,
+                           v1::Evaluation::Row& row) {
+  v1::Interval* const intervals[] = {row.mutable_relative_absolute_sigma_t(),
+                                     row.mutable_relative_absolute_albedo(),
+                                     row.mutable_relative_absolute_g()};
+  const auto ratio = [](double ours, double of_constant) {
+    return of_constant > 0 ? ours / of_constant : HUGE_VAL;
+  };
+  MaterialCoordinates ratios{};
+  for (size_t k = 0; k < 3; ++k) {
+    std::vector<double> truths;
+    for (const Material& truth : images.truth) truths.push_back(as_triple(truth)[k]);
+    const double median = quantile(truths, 0.5);
+    std::array<std::vector<double>, 2> terms;
+    for (size_t i = 0; i < truths.size(); ++i) {
+      terms[0].push_back(std::abs(median_of(estimates[i])[k] - truths[i]));
+      terms[1].push_back(std::abs(median - truths[i]));
+    }
+    const auto sum = [](const std::vector<double>& all) {
+      return std::accumulate(all.begin(), all.end(), 0.0);
+    };
+    ratios[k] = ratio(sum(terms[0]), sum(terms[1]));
+    *intervals[k] = interval_of(bootstrap, terms, ratio);
+  }
+  set(ratios, *row.mutable_relative_absolute());
+}
+
+// Errors of what the eye sees of the material.
+void set_appearance(std::span<const MaterialEstimate> estimates, const LabelledImages& images,
+                    v1::Evaluation::Row& row) {
+  double albedo_squares = 0, length_squares = 0;
+  for (size_t i = 0; i < estimates.size(); ++i) {
+    const std::optional<Posterior>& posterior = estimates[i].posterior;
+    const Material &ours = estimates[i].material, &truth = images.truth[i];
+    const double albedo = posterior ? posterior->diffuse_albedo.mean : diffuse_albedo(ours);
+    const double length = posterior ? posterior->diffusion_length.median : diffusion_length(ours);
+    albedo_squares += std::pow(albedo - diffuse_albedo(truth), 2);
+    length_squares += std::pow(std::log(length / diffusion_length(truth)), 2);
+  }
+  const auto count = static_cast<double>(estimates.size());
+  row.set_diffuse_albedo(std::sqrt(albedo_squares / count));
+  row.set_ln_diffusion_length(std::sqrt(length_squares / count));
 }
 
 // Parts of the truths inside of their 90 % intervals.
@@ -239,8 +307,10 @@ void set_details(std::span<const MaterialEstimate> estimates, const LabelledImag
     sigma_t_errors.push_back(std::abs(ours.sigma_t / truth.sigma_t - 1));
     reduced_errors.push_back(std::abs(reduced / truth.sigma_s_reduced() - 1));
   }
-  set(sum_of(squares).ratio(), *row.mutable_relative());
-  set_intervals(squares, images, row);
+  const ShapeBootstrap bootstrap(shapes_of(images));
+  set_relative(squares, bootstrap, row);
+  set_relative_absolute(estimates, images, bootstrap, row);
+  set_appearance(estimates, images, row);
   row.set_median_relative_sigma_t(quantile(sigma_t_errors, 0.5));
   row.set_median_relative_sigma_s_reduced(quantile(reduced_errors, 0.5));
   // Thirds in sigma_t.
@@ -262,15 +332,20 @@ void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate
   if (predictor.model().output() != v1::GAUSSIAN || predictor.channels() != images.channels) return;
   const auto count = static_cast<int64_t>(images.items.size());
   const auto n = static_cast<int64_t>(coordinate_count(images.channels));
+  constexpr double kRegion = 0.9;
   double sum = 0;
+  uint32_t inside = 0;
   torch::Tensor truths = torch::empty({count, n}, torch::kFloat64);
   for (int64_t i = 0; i < count; ++i) {
     const auto item = static_cast<size_t>(i);
     const std::span<const Material> truth = images.truth_of(item);
-    sum += predictor.log_likelihood(estimates[item * images.channels], truth);
+    const MaterialEstimate& estimate = estimates[item * images.channels];
+    sum += predictor.log_likelihood(estimate, truth);
+    inside += predictor.region_probability(estimate, truth) <= kRegion ? 1 : 0;
     std::ranges::copy(predictor.standardized(truth), truths[i].data_ptr<double>());
   }
   row.set_log_likelihood(sum / static_cast<double>(count));
+  row.set_joint_coverage(static_cast<double>(inside) / static_cast<double>(count));
   // The mean log-density of points under the Gaussian that fits them best.
   const torch::Tensor d = truths - truths.mean(0);
   const torch::Tensor covariance = d.t().matmul(d) / static_cast<double>(count);

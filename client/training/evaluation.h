@@ -33,13 +33,14 @@ MaterialCoordinates relative_errors(std::span<const Material> predictions,
                                     const LabelledImages& images);
 
 // Sets what the row says beside them: errors relative to the constant predictor's, with bootstrap
-// intervals over the shapes of the items; median relative errors; the thirds in sigma_t; and, if
-// the estimates are distributions, their coverage. Requires that the row has its errors.
+// intervals over the shapes of the items, root-mean-square and mean absolute; median relative
+// errors; errors of what the eye sees; the thirds in sigma_t; and, if the estimates are
+// distributions, their coverage. Requires that the row has its errors.
 void set_details(std::span<const MaterialEstimate> estimates, const LabelledImages& images,
                  v1::Evaluation::Row& row);
 
-// Sets the log-likelihoods of the row, for a predictor that answers distributions about such
-// images.
+// Sets the log-likelihoods of the row and its joint coverage, for a predictor that answers
+// distributions about such images.
 void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate> estimates,
                     const LabelledImages& images, v1::Evaluation::Row& row);
 

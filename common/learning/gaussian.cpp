@@ -107,16 +107,19 @@ double quantile(std::vector<double> values, double probability) {
   return std::lerp(low, high, place - static_cast<double>(below));
 }
 
+ParameterPosterior describe(const std::vector<double>& samples) {
+  ParameterPosterior result;
+  result.mean = mean_of(samples);
+  result.standard_deviation = std::sqrt(covariance(samples, result.mean, samples, result.mean));
+  result.median = quantile(samples, 0.5);
+  result.low = quantile(samples, 0.05);
+  result.high = quantile(samples, 0.95);
+  return result;
+}
+
 JointPosterior describe(const Samples& samples) {
-  constexpr double kLow = 0.05, kHigh = 0.95;
   JointPosterior result;
-  for (size_t i = 0; i < 3; ++i) {
-    ParameterPosterior& p = result.parameters[i];
-    p.mean = mean_of(samples[i]);
-    p.standard_deviation = std::sqrt(covariance(samples[i], p.mean, samples[i], p.mean));
-    p.low = quantile(samples[i], kLow);
-    p.high = quantile(samples[i], kHigh);
-  }
+  for (size_t i = 0; i < 3; ++i) result.parameters[i] = describe(samples[i]);
   constexpr std::array<std::array<size_t, 2>, 3> kPairs{{{0, 1}, {0, 2}, {1, 2}}};
   for (size_t pair = 0; pair < 3; ++pair) {
     const auto [i, j] = kPairs[pair];
@@ -137,11 +140,18 @@ size_t gaussian_coordinates(size_t outputs) {
   throw invalid_input(fmt::format("{} numbers are no Gaussian", outputs));
 }
 
-torch::Tensor negative_log_likelihood(const torch::Tensor& outputs, const torch::Tensor& targets) {
+namespace {
+
+// Logarithms of precisions, batch x n.
+torch::Tensor log_precisions(const torch::Tensor& outputs, int64_t n) {
+  return kMaxLogPrecision * torch::tanh(outputs.slice(1, n, 2 * n) / kMaxLogPrecision);
+}
+
+// z of the header, batch x n.
+torch::Tensor standard_scores(const torch::Tensor& outputs, const torch::Tensor& targets,
+                              const torch::Tensor& l) {
   const int64_t n = targets.size(1);
   const torch::Tensor d = targets - outputs.slice(1, 0, n);
-  const torch::Tensor l =
-      kMaxLogPrecision * torch::tanh(outputs.slice(1, n, 2 * n) / kMaxLogPrecision);
   const torch::Tensor a = outputs.slice(1, 2 * n);
   std::vector<torch::Tensor> rows;
   for (int64_t i = 0, regression = 0; i < n; ++i) {
@@ -149,9 +159,26 @@ torch::Tensor negative_log_likelihood(const torch::Tensor& outputs, const torch:
     for (int64_t j = 0; j < i; ++j) sum = sum + a.select(1, regression++) * d.select(1, j);
     rows.push_back(sum);
   }
-  const torch::Tensor z = torch::stack(rows, 1) * l.exp();
+  return torch::stack(rows, 1) * l.exp();
+}
+
+}  // namespace
+
+torch::Tensor negative_log_likelihood(const torch::Tensor& outputs, const torch::Tensor& targets) {
+  const int64_t n = targets.size(1);
+  const torch::Tensor l = log_precisions(outputs, n);
+  const torch::Tensor z = standard_scores(outputs, targets, l);
   const double normalisation = 0.5 * static_cast<double>(n) * std::log(2 * std::numbers::pi);
   return 0.5 * z.square().sum(1) - l.sum(1) + normalisation;
+}
+
+// The sum of squares of n standard normal numbers has the distribution chi-squared.
+torch::Tensor region_probability(const torch::Tensor& outputs, const torch::Tensor& targets) {
+  const int64_t n = targets.size(1);
+  const torch::Tensor squares =
+      standard_scores(outputs, targets, log_precisions(outputs, n)).square().sum(1);
+  return at::special_gammainc(torch::full_like(squares, 0.5 * static_cast<double>(n)),
+                              0.5 * squares);
 }
 
 torch::Tensor calibrated(const torch::Tensor& outputs, const torch::Tensor& widths) {
@@ -229,6 +256,7 @@ std::vector<Posterior> posteriors(const AnswerSpace& space, std::span<const doub
   }
   struct Channel {
     Samples material, scattering;
+    std::vector<double> diffuse_albedo, diffusion_length;
   };
   std::vector<Channel> channels(space.channels());
   const std::span<const double> points = points_of(n);
@@ -243,11 +271,14 @@ std::vector<Posterior> posteriors(const AnswerSpace& space, std::span<const doub
         channels[c].material[i].push_back(material[i]);
         channels[c].scattering[i].push_back(scattering[i]);
       }
+      channels[c].diffuse_albedo.push_back(diffuse_albedo(m));
+      channels[c].diffusion_length.push_back(diffusion_length(m));
     }
   }
   std::vector<Posterior> result;
   for (const Channel& channel : channels) {
-    result.push_back({describe(channel.material), describe(channel.scattering)});
+    result.push_back({describe(channel.material), describe(channel.scattering),
+                      describe(channel.diffuse_albedo), describe(channel.diffusion_length)});
   }
   return result;
 }

@@ -35,6 +35,11 @@ size_t gaussian_coordinates(size_t outputs);
 // network nor one that has given up makes it infinite.
 torch::Tensor negative_log_likelihood(const torch::Tensor& outputs, const torch::Tensor& targets);
 
+// The probability of the region around the Gaussian's mean, an ellipsoid of equal density, that
+// ends at the target: batch x n -> batch. It is uniform in [0, 1] where targets come from their
+// Gaussians.
+torch::Tensor region_probability(const torch::Tensor& outputs, const torch::Tensor& targets);
+
 // The outputs with other widths, log-precision l_k + offset_k + slope_k m_0. `widths`: 2 x n,
 // offsets and slopes, in which the result can be differentiated.
 torch::Tensor calibrated(const torch::Tensor& outputs, const torch::Tensor& widths);
@@ -55,6 +60,7 @@ std::vector<double> to_outputs(const Gaussian& gaussian);
 
 struct ParameterPosterior {
   double mean = 0, standard_deviation = 0;
+  double median = 0;
   double low = 0, high = 0;  // 5 % and 95 % quantiles
 };
 
@@ -68,6 +74,8 @@ struct JointPosterior {
 struct Posterior {
   JointPosterior material;    // sigma_t, albedo, g
   JointPosterior scattering;  // sigma_a, sigma_s, sigma_s_reduced
+  // What the eye sees of it: diffuse_albedo(), and diffusion_length() in mm.
+  ParameterPosterior diffuse_albedo, diffusion_length;
 
   // The single answer with the smallest expected squared error in each parameter.
   Material mean() const;

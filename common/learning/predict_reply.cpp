@@ -13,6 +13,7 @@ v1::ParameterPosterior to_proto(const ParameterPosterior& p) {
   v1::ParameterPosterior proto;
   proto.set_mean(p.mean);
   proto.set_standard_deviation(p.standard_deviation);
+  proto.set_median(p.median);
   proto.set_low(p.low);
   proto.set_high(p.high);
   return proto;
@@ -28,6 +29,8 @@ v1::MaterialPosterior to_proto(const Posterior& posterior) {
   *proto.mutable_sigma_a() = to_proto(s[0]);
   *proto.mutable_sigma_s() = to_proto(s[1]);
   *proto.mutable_sigma_s_reduced() = to_proto(s[2]);
+  *proto.mutable_diffuse_albedo() = to_proto(posterior.diffuse_albedo);
+  *proto.mutable_diffusion_length() = to_proto(posterior.diffusion_length);
   for (size_t pair = 0; pair < 3; ++pair) {
     proto.add_correlations(posterior.material.correlations[pair]);
     proto.add_scattering_correlations(posterior.scattering.correlations[pair]);

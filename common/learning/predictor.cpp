@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <iterator>
 #include <utility>
 
@@ -23,7 +24,8 @@ std::vector<float> channel_of(const FramedPhotograph& photograph, int channel) {
 }
 
 // An interval that ends within this part of the range from its end has reached it: where g ends,
-// its coordinate goes to infinity.
+// its coordinate goes to infinity. Ranges of sigma_t count by their logarithm, as they may span
+// decades.
 constexpr double kAtBound = 0.01;
 
 std::vector<v1::MaterialBound> bounds_reached(const MaterialEstimate& estimate,
@@ -36,6 +38,9 @@ std::vector<v1::MaterialBound> bounds_reached(const MaterialEstimate& estimate,
       const ParameterPosterior& p = estimate.posterior->material.parameters[parameter];
       low = p.low;
       high = p.high;
+    }
+    if (parameter == 0) {
+      for (double* value : {&low, &high, &min, &max}) *value = std::log(*value);
     }
     if (low <= min + kAtBound * (max - min)) reached.push_back(least);
     if (high >= max - kAtBound * (max - min)) reached.push_back(most);
@@ -65,11 +70,15 @@ void take_worse(const std::optional<OutlierScore>& other, std::optional<OutlierS
 void make_per_mm(MaterialEstimate& estimate, double object_size) {
   estimate.material.sigma_t /= object_size;
   if (!estimate.posterior) return;
-  const auto divide = [object_size](ParameterPosterior& p) {
-    for (double* value : {&p.mean, &p.standard_deviation, &p.low, &p.high}) *value /= object_size;
+  const auto scale = [](ParameterPosterior& p, double factor) {
+    for (double* value : {&p.mean, &p.standard_deviation, &p.median, &p.low, &p.high}) {
+      *value *= factor;
+    }
   };
-  divide(estimate.posterior->material.parameters[0]);
-  std::ranges::for_each(estimate.posterior->scattering.parameters, divide);
+  Posterior& posterior = *estimate.posterior;
+  scale(posterior.material.parameters[0], 1 / object_size);
+  for (ParameterPosterior& p : posterior.scattering.parameters) scale(p, 1 / object_size);
+  scale(posterior.diffusion_length, object_size);
 }
 
 // Adds warnings of a kind that is not there yet.
@@ -78,6 +87,10 @@ void add_new(std::span<const v1::Warning> from, std::vector<v1::Warning>& to) {
     const auto same = [&](const v1::Warning& other) { return other.kind() == warning.kind(); };
     if (std::ranges::none_of(to, same)) to.push_back(warning);
   }
+}
+
+torch::Tensor row_of(const std::vector<double>& values) {
+  return torch::tensor(values, torch::kFloat64).unsqueeze(0);
 }
 
 constexpr uint64_t kNoiseSeed = 3;  // an image has one answer
@@ -371,9 +384,14 @@ std::vector<Material> Predictor::predict(const Photograph& photograph,
 
 double Predictor::log_likelihood(const MaterialEstimate& estimate,
                                  std::span<const Material> truth) const {
-  return -negative_log_likelihood(torch::tensor(estimate.outputs, torch::kFloat64).unsqueeze(0),
-                                  torch::tensor(standardized(truth), torch::kFloat64).unsqueeze(0))
+  return -negative_log_likelihood(row_of(estimate.outputs), row_of(standardized(truth)))
               .item<double>();
+}
+
+double Predictor::region_probability(const MaterialEstimate& estimate,
+                                     std::span<const Material> truth) const {
+  return itn::region_probability(row_of(estimate.outputs), row_of(standardized(truth)))
+      .item<double>();
 }
 
 std::string name(const v1::ModelVersion& version) {

@@ -125,6 +125,10 @@ class Predictor {
   // of an image's channels gives the truth of all of them, in the coordinates of standardized().
   double log_likelihood(const MaterialEstimate& estimate, std::span<const Material> truth) const;
 
+  // Likewise region_probability() (gaussian.h) of the truth.
+  double region_probability(const MaterialEstimate& estimate,
+                            std::span<const Material> truth) const;
+
   // The materials of an image's channels in the coordinates in which the network answers.
   std::vector<double> standardized(std::span<const Material> channels) const {
     return space_.standardized(channels);

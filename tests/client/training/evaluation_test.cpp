@@ -133,9 +133,12 @@ TEST(Evaluation, DetailsAreThoseOfEstimatesThatAreKnown) {
                          c.albedo + pull * (t.albedo - c.albedo), c.g + pull * (t.g - c.g)};
     estimate.posterior.emplace();
     auto& p = estimate.posterior->material.parameters;
-    p[0] = {.mean = 0, .standard_deviation = 1, .low = 0, .high = 1000};
-    p[1] = {.mean = 0, .standard_deviation = 1, .low = 2, .high = 3};
-    p[2] = {.mean = 0, .standard_deviation = 1, .low = 0, .high = 0.0881};  // half of them
+    // The median of sigma_t is right within 1 / mm, that of the albedo never, that of g always.
+    p[0] = {.standard_deviation = 1, .median = t.sigma_t + 1, .low = 0, .high = 1000};
+    p[1] = {.standard_deviation = 1, .median = 0, .low = 2, .high = 3};
+    p[2] = {.standard_deviation = 1, .median = t.g, .low = 0, .high = 0.0881};  // half of them
+    estimate.posterior->diffuse_albedo.mean = diffuse_albedo(t) + (i % 2 == 0 ? 0.03 : -0.03);
+    estimate.posterior->diffusion_length.median = 1.2 * diffusion_length(t);
     estimates.push_back(estimate);
   }
   v1::Evaluation::Row row;
@@ -144,6 +147,15 @@ TEST(Evaluation, DetailsAreThoseOfEstimatesThatAreKnown) {
   // Some draws of three shapes have only the last, and more only the others.
   EXPECT_NEAR(row.relative_sigma_t().min(), 0.5, 1e-9);
   EXPECT_GT(row.relative_sigma_t().max(), 0.85);
+  // Of the truths, 1 apart, the median is 22.5 from each on average.
+  EXPECT_NEAR(row.relative_absolute().sigma_t(), 1 / 22.5, 1e-9);
+  EXPECT_NEAR(row.relative_absolute().albedo(), 0.5445 / 0.0225, 1e-9);
+  // Some draws have one shape alone.
+  EXPECT_NEAR(row.relative_absolute_albedo().min(), 0.5435 / 0.0225, 1e-9);
+  EXPECT_NEAR(row.relative_absolute_albedo().max(), 0.5455 / 0.0225, 1e-9);
+  EXPECT_EQ(row.relative_absolute().g(), 0);
+  EXPECT_NEAR(row.diffuse_albedo(), 0.03, 1e-12);
+  EXPECT_NEAR(row.ln_diffusion_length(), std::log(1.2), 1e-12);
   EXPECT_EQ(row.coverage().sigma_t(), 1);
   EXPECT_EQ(row.coverage().albedo(), 0);
   EXPECT_NEAR(row.coverage().g(), 0.5, 1e-9);

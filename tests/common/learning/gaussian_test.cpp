@@ -110,6 +110,7 @@ TEST(Gaussian, PosteriorIsThatOfManyRandomDraws) {
         EXPECT_NEAR(parameter.mean, v[k].mean().item<double>(), 0.01 * sd);
         EXPECT_NEAR(parameter.standard_deviation, sd, 0.02 * sd);
         const torch::Tensor sorted = std::get<0>(v[k].sort());
+        EXPECT_NEAR(parameter.median, sorted[kDraws / 2].item<double>(), 0.03 * sd);
         EXPECT_NEAR(parameter.low, sorted[kDraws / 20].item<double>(), 0.06 * sd);
         EXPECT_NEAR(parameter.high, sorted[kDraws - kDraws / 20].item<double>(), 0.06 * sd);
       }
@@ -126,14 +127,14 @@ TEST(Gaussian, PosteriorIsThatOfManyRandomDraws) {
 }
 
 // Truths drawn from the Gaussians that a network answers fall into their 90 % intervals nine times
-// in ten: of sigma_t, albedo and g, and of what is derived from them.
+// in ten: of sigma_t, albedo and g, of what is derived from them, and of all three together.
 TEST(Gaussian, NinetyPercentIntervalsHoldNinetyPercent) {
   const AnswerSpace answers(residual_model());
   const OutputSpace& space = answers.channel(0);
   constexpr int kTruths = 3000;
   std::mt19937 random(11);
   std::normal_distribution<double> normal;
-  std::array<int, 6> inside{};
+  std::array<int, 9> inside{};
   for (int i = 0; i < kTruths; ++i) {
     // Precise enough to end nowhere at the bounds, where a truth may lie on the interval's end.
     Outputs o{0.3 * normal(random),
@@ -157,6 +158,13 @@ TEST(Gaussian, NinetyPercentIntervalsHoldNinetyPercent) {
       const auto& parameter = (k < 3 ? p.material : p.scattering).parameters[k % 3];
       inside[k] += parameter.low <= values[k] && values[k] <= parameter.high ? 1 : 0;
     }
+    const auto holds = [](const ParameterPosterior& parameter, double value) {
+      return parameter.low <= value && value <= parameter.high ? 1 : 0;
+    };
+    inside[6] += holds(p.diffuse_albedo, diffuse_albedo(truth));
+    inside[7] += holds(p.diffusion_length, diffusion_length(truth));
+    const torch::Tensor target = torch::tensor({{at(0), at(1), at(2)}}, torch::kFloat64);
+    inside[8] += region_probability(as_tensor(o), target).item<double>() <= 0.9 ? 1 : 0;
   }
   for (const int count : inside) {  // 5 standard errors of the count, and the points' own error
     EXPECT_NEAR(static_cast<double>(count) / kTruths, 0.9, 0.03);

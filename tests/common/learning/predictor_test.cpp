@@ -348,10 +348,14 @@ TEST(Predictor, AnswersPerMmOfAnObjectWhoseSizeIsKnown) {
   EXPECT_EQ(per_mm.material.g, relative.material.g);
   const auto &a = per_mm.posterior->scattering.parameters[2],
              &b = relative.posterior->scattering.parameters[2];
-  for (const auto member : {&ParameterPosterior::mean, &ParameterPosterior::standard_deviation,
-                            &ParameterPosterior::low, &ParameterPosterior::high}) {
+  for (const auto member :
+       {&ParameterPosterior::mean, &ParameterPosterior::standard_deviation,
+        &ParameterPosterior::median, &ParameterPosterior::low, &ParameterPosterior::high}) {
     EXPECT_DOUBLE_EQ(a.*member, b.*member / 50);
   }
+  EXPECT_DOUBLE_EQ(per_mm.posterior->diffusion_length.high,
+                   relative.posterior->diffusion_length.high * 50);
+  EXPECT_EQ(per_mm.posterior->diffuse_albedo.high, relative.posterior->diffuse_albedo.high);
   EXPECT_EQ(per_mm.posterior->material.parameters[1].low,
             relative.posterior->material.parameters[1].low);
   EXPECT_EQ(relative.warnings.size(), per_mm.warnings.size() + 1) << "its size is unknown";
@@ -456,6 +460,16 @@ TEST(Predictor, SaysWhereItReachesTheEndOfWhatItCanAnswer) {
   model.mutable_bounds()->mutable_albedo()->set_max(guess.albedo);
   EXPECT_THAT(Predictor(model).estimate(image.photograph())[0].at_bounds,
               ::testing::ElementsAre(v1::SIGMA_T_MIN, v1::ALBEDO_MAX));
+}
+
+// Of a range over four decades the lowest hundredth has nearly all materials.
+TEST(Predictor, MeasuresHowNearTheEndSigmaTIsByItsLogarithm) {
+  const Pixels image = disc(16, 16, 1, 8, 8, 5.4);
+  v1::Model model = small_model();
+  const Material guess = Predictor(model).predict(image.photograph())[0];
+  model.mutable_bounds()->mutable_sigma_t()->set_min(guess.sigma_t / 2);
+  model.mutable_bounds()->mutable_sigma_t()->set_max(guess.sigma_t * 5000);
+  EXPECT_TRUE(Predictor(model).estimate(image.photograph())[0].at_bounds.empty());
 }
 
 // It is the interval that counts of a distribution.
