@@ -33,7 +33,8 @@ enum Choice : uint64_t {
   kCheckerboard,
   kChannel,
   kTexture,
-  kColours
+  kColours,
+  kGroundColor
 };
 
 // The place of an item in its split.

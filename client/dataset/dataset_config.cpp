@@ -209,6 +209,7 @@ void validate_ground(const v1::GroundChoice& ground) {
   validate("reflectance", ground.reflectance(), 0, 1);
   require_part("ground.checkered", ground.checkered());
   require_part("ground.mottled", ground.mottled());
+  require_part("ground.coloured", ground.coloured());
   require(ground.checkered() + ground.mottled() <= 1,
           fmt::format("ground.checkered is {} and ground.mottled {}; together they are at most 1",
                       ground.checkered(), ground.mottled()));

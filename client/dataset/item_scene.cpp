@@ -93,7 +93,7 @@ v1::ImageReflectance image_of(const v1::GroundTexture& texture) {
 
 void add_ground(v1::Scene& scene, const v1::DatasetItem& item) {
   if (!item.has_ground_reflectance() && !item.has_ground_checkerboard() &&
-      !item.has_ground_texture()) {
+      !item.has_ground_texture() && !item.has_ground_color()) {
     return;
   }
   v1::Surface& ground = *scene.add_surfaces();
@@ -104,6 +104,8 @@ void add_ground(v1::Scene& scene, const v1::DatasetItem& item) {
     *ground.mutable_checkerboard() = item.ground_checkerboard();
   } else if (item.has_ground_texture()) {
     *ground.mutable_image() = image_of(item.ground_texture());
+  } else if (item.has_ground_color()) {
+    *ground.mutable_color() = item.ground_color();
   } else {
     ground.set_reflectance(item.ground_reflectance());
   }

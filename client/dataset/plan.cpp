@@ -241,6 +241,15 @@ v1::GroundTexture draw_texture(const v1::GroundChoice& ground, const Choices& ch
   return texture;
 }
 
+v1::ColorReflectance draw_ground_color(const v1::GroundChoice& ground, const Choices& choices) {
+  const auto branch = [](uint64_t number) { return derive_seed(kGroundColor, {number}); };
+  v1::ColorReflectance color;
+  color.set_red(choices.draw(branch(1), ground.reflectance()));
+  color.set_green(choices.draw(kReflectance, ground.reflectance()));
+  color.set_blue(choices.draw(branch(2), ground.reflectance()));
+  return color;
+}
+
 void draw_ground(const v1::GroundChoice& ground, const Choices& choices, v1::DatasetItem& item) {
   if (choices.number(kGround) >= ground.probability()) return;
   const double pattern = choices.number(derive_seed(kCheckerboard, {0}));
@@ -248,6 +257,8 @@ void draw_ground(const v1::GroundChoice& ground, const Choices& choices, v1::Dat
     *item.mutable_ground_checkerboard() = draw_checkerboard(ground, choices);
   } else if (pattern < ground.checkered() + ground.mottled()) {
     *item.mutable_ground_texture() = draw_texture(ground, choices);
+  } else if (choices.number(derive_seed(kGroundColor, {0})) < ground.coloured()) {
+    *item.mutable_ground_color() = draw_ground_color(ground, choices);
   } else {
     item.set_ground_reflectance(choices.draw(kReflectance, ground.reflectance()));
   }

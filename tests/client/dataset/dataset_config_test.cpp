@@ -226,6 +226,7 @@ TEST(DatasetConfig, SaysWhatIsOutOfRange) {
       {"boundary { smooth_angle_degrees: 181 }", "boundary.smooth_angle_degrees is 181"},
       {"ground { checkered: 2 }", "ground.checkered is 2"},
       {"ground { mottled: -1 }", "ground.mottled is -1"},
+      {"ground { coloured: 2 }", "ground.coloured is 2"},
       {"ground { mottled: 0.6 checkered: 0.5 }", "together they are at most 1"},
       {"ground { mottled: 1 image_size { fixed: 0 } }", "ground.image_size is 0"},
       {"ground { mottled: 1 persistence { fixed: 2 } }", "ground.persistence is 2"},

@@ -89,6 +89,7 @@ TEST_F(DatasetFolder, HoldsDerivativeImagesOfTwoHalvesOfTheSamples) {
 // One render for three colours, or one for each: both show what renders of single colours show.
 TEST_F(DatasetFolder, ShowsMediaInColour) {
   v1::DatasetConfig config = small_config();
+  config.set_count(16);
   config.clear_spp();
   config.mutable_noise()->set_target(0.08);
   v1::MaterialChoice& materials = *config.mutable_materials();
@@ -97,14 +98,16 @@ TEST_F(DatasetFolder, ShowsMediaInColour) {
   auto& ratios = *materials.mutable_colours()->mutable_scattering()->mutable_one_of();
   for (const double ratio : {1.1, 5.0}) ratios.add_value(ratio);
   materials.mutable_colours()->set_gray(0);
+  config.mutable_ground()->set_coloured(0.5);
+  *config.mutable_ground()->mutable_reflectance() = uniform(0, 0.9);
   set_defaults(config);
   render(plan_dataset(config, few_shapes()));
   DatasetReader reader(folder_);
   RenderPool pool({});
-  std::map<size_t, int> renders;
+  std::map<std::pair<size_t, bool>, int> renders;  // how many, and whether the ground is coloured
   std::vector<double> z;
   for (const v1::DatasetItem& item : reader.manifest().items()) {
-    ++renders[ItemRenders(reader, item).count()];
+    ++renders[{ItemRenders(reader, item).count(), item.has_ground_color()}];
     const std::vector<DatasetImage> channels = reader.channels(item);
     ASSERT_EQ(channels.size(), 3);
     for (size_t c = 0; c < channels.size(); ++c) {
@@ -130,8 +133,10 @@ TEST_F(DatasetFolder, ShowsMediaInColour) {
     expect_error(ErrorKind::kInvalidInput, "is in colour", [&] { reader.image(item); });
   }
   // Both ways have been gone.
-  EXPECT_GE(renders[1], 1);
-  EXPECT_GE(renders[3], 1);
+  for (const bool coloured : {false, true}) {
+    EXPECT_GE((renders[{1, coloured}]), 1);
+    EXPECT_GE((renders[{3, coloured}]), 1);
+  }
   // The standard error is an upper bound. 4.1: once in 24,000 for a normal number.
   for (const double one : z) EXPECT_LT(std::abs(one), 4.1);
 }

@@ -212,6 +212,15 @@ TEST(ItemScene, HasTheSurfaceAndTheGroundOfTheItem) {
   EXPECT_FALSE(scene.surfaces(0).has_reflectance());
 }
 
+TEST(ItemScene, HasTheColourOfTheGround) {
+  v1::DatasetItem item = upright_item();
+  item.clear_ground_reflectance();
+  item.mutable_ground_color()->set_blue(0.7F);
+  const v1::Scene scene = scene_of(item, triangles_of("cube"), 64);
+  ASSERT_EQ(scene.surfaces_size(), 1);
+  EXPECT_EQ(scene.surfaces(0).color().blue(), 0.7F);
+}
+
 v1::GroundTexture texture_of(uint64_t seed, float persistence) {
   v1::GroundTexture texture;
   texture.set_seed(seed);

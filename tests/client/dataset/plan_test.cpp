@@ -332,9 +332,10 @@ TEST(DatasetPlan, SurfacesAndPatternsAreDrawnBesideTheRest) {
   config.mutable_boundary()->set_probability(0.75);
   config.mutable_ground()->set_checkered(0.25);
   config.mutable_ground()->set_mottled(0.25);
+  config.mutable_ground()->set_coloured(0.25);
   set_defaults(config);
   const NameSplit shapes = split_shapes(config, nameless(3));
-  int boundaries = 0, grounds = 0, checkered = 0, textured = 0;
+  int boundaries = 0, grounds = 0, checkered = 0, textured = 0, coloured = 0;
   for (uint64_t i = 0; i < 6400; ++i) {
     v1::DatasetItem item = plan_item(config, shapes, i);
     boundaries += item.has_boundary() ? 1 : 0;
@@ -351,12 +352,29 @@ TEST(DatasetPlan, SurfacesAndPatternsAreDrawnBesideTheRest) {
       item.set_ground_reflectance(item.ground_texture().reflectance());
       item.clear_ground_texture();
     }
+    if (item.has_ground_color()) {
+      ++coloured;
+      item.set_ground_reflectance(item.ground_color().green());
+      item.clear_ground_color();
+    }
     grounds += item.has_ground_reflectance() ? 1 : 0;
     EXPECT_EQ(item.SerializeAsString(), plan_item(plain, shapes, i).SerializeAsString()) << i;
   }
   EXPECT_EQ(boundaries, 4800);
   EXPECT_NEAR(checkered, 0.25 * grounds, 4 * std::sqrt(0.1875 * grounds));
   EXPECT_NEAR(textured, 0.25 * grounds, 4 * std::sqrt(0.1875 * grounds));
+  EXPECT_NEAR(coloured, 0.125 * grounds, 4 * std::sqrt(0.11 * grounds));
+}
+
+TEST(DatasetPlan, EveryColourOfAGroundIsIndependentOfEveryOther) {
+  v1::DatasetConfig config = training_alone("outdoor");
+  config.mutable_ground()->set_coloured(1);
+  expect_independent(items_of(config),
+                     {{"shape", [](const auto& i) { return std::stod(i.shape().substr(5)); }},
+                      {"pitch", [](const auto& i) { return i.camera().pitch_degrees(); }},
+                      {"red", [](const auto& i) { return i.ground_color().red(); }},
+                      {"green", [](const auto& i) { return i.ground_color().green(); }},
+                      {"blue", [](const auto& i) { return i.ground_color().blue(); }}});
 }
 
 TEST(DatasetPlan, EveryChoiceOfAStudioIsIndependentOfEveryOther) {
