@@ -149,6 +149,8 @@ def command_page():
 
 
 def main():
+    if any(argument.startswith("-") for argument in sys.argv[1:]):
+        sys.exit("docs/generate/reference.py has no flags; it takes a folder to write to (default: docs/reference)")
     folder = pathlib.Path(sys.argv[1] if len(sys.argv) > 1 else ROOT / "docs/reference")
     files = [f for f in descriptors() if f.package == "itn.v1"]
     home = {name: pathlib.Path(f.name).stem
