@@ -34,7 +34,8 @@ enum Choice : uint64_t {
   kChannel,
   kTexture,
   kColours,
-  kGroundColor
+  kGroundColor,
+  kTemperature
 };
 
 // The place of an item in its split.

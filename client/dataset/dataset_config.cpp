@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "client/dataset/distribution.h"
+#include "client/image/spectrum.h"
 #include "client/presets/presets.h"
 #include "client/scene/text_proto.h"
 #include "common/error.h"
@@ -141,6 +142,18 @@ void validate_sun(const std::string& name, const v1::SunSkyChoice& sun) {
   require_apart(sun);
 }
 
+// Of a light, which may have none.
+void validate_temperature(const std::string& name, const v1::Distribution& temperature) {
+  if (temperature.kind_case() == v1::Distribution::KIND_NOT_SET) return;
+  validate(name, temperature, kMinTemperature, kMaxTemperature);
+}
+
+bool has_temperature(const v1::LightChoice& light) {
+  return light.flash().has_temperature() || light.flash().has_ambient_temperature() ||
+         light.lamp().has_temperature() || light.lamp().has_ambient_temperature() ||
+         light.studio().has_walls_temperature() || light.studio().emitter().has_temperature();
+}
+
 void validate_lamp(const std::string& name, const v1::LampChoice& lamp) {
   validate(name + "irradiance", lamp.irradiance(), 0, kMaxIrradiance);
   validate(name + "distance", lamp.distance(), 1, 1000);
@@ -148,11 +161,15 @@ void validate_lamp(const std::string& name, const v1::LampChoice& lamp) {
   validate(name + "elevation_degrees", lamp.elevation_degrees(), 0, 90);
   validate(name + "ambient", lamp.ambient(), 0, 10);
   if (lamp.has_radius()) validate(name + "radius", lamp.radius(), 0, 0.3);
+  validate_temperature(name + "temperature", lamp.temperature());
+  validate_temperature(name + "ambient_temperature", lamp.ambient_temperature());
 }
 
 void validate_flash(const std::string& name, const v1::FlashChoice& flash) {
   validate(name + "irradiance", flash.irradiance(), 0, kMaxIrradiance);
   validate(name + "ambient", flash.ambient(), 0, 10);
+  validate_temperature(name + "temperature", flash.temperature());
+  validate_temperature(name + "ambient_temperature", flash.ambient_temperature());
 }
 
 void validate_emitter(const std::string& name, const v1::EmitterChoice& emitter) {
@@ -164,6 +181,7 @@ void validate_emitter(const std::string& name, const v1::EmitterChoice& emitter)
   validate(name + "roll_degrees", emitter.roll_degrees(), -kMaxAzimuth, kMaxAzimuth);
   validate(name + "edge", emitter.edge(), 0, 1);
   validate(name + "strength", emitter.strength(), 1e-3, 1e3);
+  validate_temperature(name + "temperature", emitter.temperature());
 }
 
 void validate_studio(const std::string& name, const v1::StudioChoice& studio) {
@@ -177,6 +195,7 @@ void validate_studio(const std::string& name, const v1::StudioChoice& studio) {
             fmt::format("{}emitters is {}; it must be a whole number", name, count));
   }
   validate_emitter(name + "emitter.", studio.emitter());
+  validate_temperature(name + "walls_temperature", studio.walls_temperature());
 }
 
 void validate_panoramas(const std::string& name, const v1::PanoramaChoice& panoramas) {
@@ -372,7 +391,10 @@ void validate(const v1::DatasetConfig& config) {
   validate("object_size", config.camera().object_size(), 0.05, 2);
   validate("offset", config.camera().offset(), -0.5, 0.5);
   for (int i = 0; i < config.lights_size(); ++i) {
-    validate_light(fmt::format("lights[{}]", i), config.lights(i));
+    const std::string name = fmt::format("lights[{}]", i);
+    validate_light(name, config.lights(i));
+    require(config.materials().has_colours() || !has_temperature(config.lights(i)),
+            name + " has a temperature; images have no colours: materials { colours {} }");
   }
   require(std::ranges::count_if(config.lights(), &v1::LightChoice::has_panoramas) <= 1,
           "two lights are panoramas; one can be, of a folder that holds all of them");

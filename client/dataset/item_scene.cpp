@@ -7,12 +7,15 @@
 #include <cstring>
 #include <limits>
 #include <numbers>
+#include <vector>
 
 #include "client/dataset/ground_texture.h"
 #include "client/dataset/panorama.h"
 #include "client/dataset/studio.h"
+#include "client/image/spectrum.h"
 #include "common/angle.h"
 #include "common/error.h"
+#include "common/luminance.h"
 #include "common/scene/field_check.h"
 #include "common/scene/material_proto.h"
 #include "common/vec.h"
@@ -117,12 +120,35 @@ Vec3d camera_direction(const v1::ItemCamera& camera) {
   return {0, std::sin(pitch), -std::cos(pitch)};
 }
 
-// Light from everywhere, `part` of what brings this irradiance.
-void add_ambient(v1::Scene& scene, float part, float irradiance) {
-  const double radiance = part * irradiance / std::numbers::pi;
-  if (radiance > 0) {
+using Colour = std::array<double, 3>;
+
+// Of the room about a lamp or a flash, beside which that is gray.
+template <typename Light>
+Colour colour_of_room(const Light& light) {
+  Colour colour = colour_of_black_body(light.ambient_temperature());
+  const Colour lamp = colour_of_black_body(light.temperature());
+  for (size_t c = 0; c < 3; ++c) colour[c] /= lamp[c];
+  const double sum = luminance(colour);
+  for (double& value : colour) value /= sum;
+  return colour;
+}
+
+// Light from everywhere, `ambient` of what brings the light's irradiance.
+template <typename Light>
+void add_room(v1::Scene& scene, const Light& light) {
+  const double radiance = light.ambient() * light.irradiance() / std::numbers::pi;
+  if (!(radiance > 0)) return;
+  if (light.temperature() == light.ambient_temperature()) {
     scene.add_lights()->mutable_constant()->set_radiance(static_cast<float>(radiance));
+    return;
   }
+  constexpr uint32_t kWidth = 4, kHeight = 2;
+  std::vector<float> rgb;
+  for (uint32_t i = 0; i < kWidth * kHeight; ++i) {
+    for (const double c : colour_of_room(light)) rgb.push_back(static_cast<float>(c * radiance));
+  }
+  *scene.add_lights()->mutable_environment_map()->mutable_pixels() =
+      panorama_of(kWidth, kHeight, rgb);
 }
 
 // A flash is where the camera is, and infinitely far away.
@@ -130,7 +156,7 @@ void add_flash(v1::Scene& scene, const v1::Flash& flash, const v1::ItemCamera& c
   v1::DirectionalLight& light = *scene.add_lights()->mutable_directional();
   *light.mutable_direction() = vec3_of(camera_direction(camera));
   light.set_irradiance(flash.irradiance());
-  add_ambient(scene, flash.ambient(), flash.irradiance());
+  add_room(scene, flash);
 }
 
 // About the middle of the object.
@@ -149,7 +175,7 @@ void add_lamp(v1::Scene& scene, const v1::Lamp& lamp, Vec3d middle) {
     *light.mutable_position() = position;
     light.set_intensity(static_cast<float>(lamp.irradiance() * metres * metres));
   }
-  add_ambient(scene, lamp.ambient(), lamp.irradiance());
+  add_room(scene, lamp);
 }
 
 // The luminance of `pixels` is of irradiance 1; `channel` is what is shown.
@@ -200,15 +226,27 @@ void add_camera(v1::Scene& scene, const v1::ItemCamera& item, Vec3d middle) {
       static_cast<float>(2 * std::atan(frame / 2 / item.distance()) / kRadiansPerDegree));
 }
 
+void check_temperature(const std::string& name, float kelvin) {
+  if (kelvin != 0) in_closed(name, kelvin, kMinTemperature, kMaxTemperature);
+}
+
+template <typename Light>
+void check_temperatures(const Light& light, const std::string& path) {
+  check_temperature(path + ".temperature", light.temperature());
+  check_temperature(path + ".ambient_temperature", light.ambient_temperature());
+}
+
 // The size of a panorama follows from its smallest emitter.
 void check_studio(const v1::Studio& studio, const std::string& path) {
   integer_in("the number of " + path + ".emitters", static_cast<uint64_t>(studio.emitters_size()),
              1, 16);
+  check_temperature(path + ".walls_temperature", studio.walls_temperature());
   for (int i = 0; i < studio.emitters_size(); ++i) {
     const v1::Emitter& emitter = studio.emitters(i);
     const std::string field = fmt::format("{}.emitters[{}]", path, i);
     in_closed(field + ".elevation_degrees", emitter.elevation_degrees(), 0, 90);
     in_closed(field + ".size_degrees", emitter.size_degrees(), 4, 120);
+    check_temperature(field + ".temperature", emitter.temperature());
     if (!emitter.is_lamp()) in_closed(field + ".aspect", emitter.aspect(), 0.25, 1);
   }
 }
@@ -233,6 +271,8 @@ void check_item(const v1::DatasetItem& item, const std::string& path) {
   check_message(item, path);
   if (item.has_rotation()) non_zero(path + ".rotation.axis", item.rotation().axis());
   if (item.light().has_studio()) check_studio(item.light().studio(), path + ".light.studio");
+  if (item.light().has_flash()) check_temperatures(item.light().flash(), path + ".light.flash");
+  if (item.light().has_lamp()) check_temperatures(item.light().lamp(), path + ".light.lamp");
   if (!v1::Film::Channel_IsValid(item.channel())) {
     throw invalid_input(
         fmt::format("{}.channel is {}; it must be LUMINANCE, RED, GREEN, BLUE or RGB", path,
@@ -255,6 +295,34 @@ void check_item(const v1::DatasetItem& item, const std::string& path) {
   }
 }
 
+namespace {
+
+// On a surface that faces the light.
+template <typename Light>
+Colour white_of_room(const Light& light) {
+  Colour white = colour_of_room(light);
+  for (double& value : white) value = (1 + light.ambient() * value) / (1 + light.ambient());
+  return white;
+}
+
+// As if each emitter was faced.
+Colour white_of_studio(const v1::Studio& studio) {
+  double sum = 0;
+  for (const v1::Emitter& emitter : studio.emitters()) sum += emitter.strength();
+  Colour white{};
+  const auto add = [&](double part, float kelvin) {
+    const Colour colour = colour_of_black_body(kelvin);
+    for (size_t c = 0; c < 3; ++c) white[c] += part * colour[c];
+  };
+  add(studio.walls(), studio.walls_temperature());
+  for (const v1::Emitter& emitter : studio.emitters()) {
+    add((1 - studio.walls()) * emitter.strength() / sum, emitter.temperature());
+  }
+  return white;
+}
+
+}  // namespace
+
 std::array<double, 3> white_of(const v1::DatasetItem& item, const v1::Pixels* panorama) {
   const auto over_luminance = [&](const auto& light) {
     const double luminance = irradiance_from_above(light, v1::Film::LUMINANCE);
@@ -271,7 +339,10 @@ std::array<double, 3> white_of(const v1::DatasetItem& item, const v1::Pixels* pa
   };
   if (item.light().has_sun_sky()) return over_luminance(item.light().sun_sky());
   if (item.light().has_panorama() && panorama != nullptr) return over_luminance(*panorama);
-  return {1, 1, 1};  // the others are gray
+  if (item.light().has_flash()) return white_of_room(item.light().flash());
+  if (item.light().has_lamp()) return white_of_room(item.light().lamp());
+  if (item.light().has_studio()) return white_of_studio(item.light().studio());
+  return {1, 1, 1};
 }
 
 v1::Scene scene_of(const v1::DatasetItem& item, const v1::Triangles& triangles, uint32_t resolution,

@@ -58,10 +58,7 @@ PanoramaRow panorama_row(uint32_t row, uint32_t width, uint32_t height) {
           .from_above = column * (up * up - down * down) / 2};
 }
 
-v1::Pixels gray_panorama(uint32_t width, uint32_t height, std::span<const float> radiance) {
-  std::vector<float> rgb;
-  rgb.reserve(3 * radiance.size());
-  for (const float value : radiance) rgb.insert(rgb.end(), 3, value);
+v1::Pixels panorama_of(uint32_t width, uint32_t height, std::span<const float> rgb) {
   v1::Pixels pixels;
   pixels.set_width(width);
   pixels.set_height(height);

@@ -16,8 +16,8 @@ struct PanoramaRow {
 };
 PanoramaRow panorama_row(uint32_t row, uint32_t width, uint32_t height);
 
-// Gray pixels, from one radiance each.
-v1::Pixels gray_panorama(uint32_t width, uint32_t height, std::span<const float> radiance);
+// Pixels of these colours, three numbers each.
+v1::Pixels panorama_of(uint32_t width, uint32_t height, std::span<const float> rgb);
 
 // The irradiance by what a film that is not RGB shows of a panorama, on a surface that faces +y, in
 // W/m^2.

@@ -105,10 +105,25 @@ v1::SunSky draw_sun(const v1::SunSkyChoice& choice, v1::Split split, v1::Film::C
   return sun;
 }
 
+// The colours of a lamp, or of a flash, and of the room about it.
+template <typename Choice, typename Light>
+void draw_temperatures(const Choice& choice, uint64_t light, const Choices& choices, Light& drawn) {
+  const auto branch = [&](uint64_t number) {
+    return derive_seed(kLight, {light, kTemperature, number});
+  };
+  if (choice.has_temperature()) {
+    drawn.set_temperature(choices.draw(branch(0), choice.temperature()));
+  }
+  if (choice.has_ambient_temperature()) {
+    drawn.set_ambient_temperature(choices.draw(branch(1), choice.ambient_temperature()));
+  }
+}
+
 v1::Flash draw_flash(const v1::FlashChoice& choice, uint64_t light, const Choices& choices) {
   v1::Flash flash;
   flash.set_irradiance(choices.draw(derive_seed(kLight, {light, 0}), choice.irradiance()));
   flash.set_ambient(choices.draw(derive_seed(kLight, {light, 1}), choice.ambient()));
+  draw_temperatures(choice, light, choices, flash);
   return flash;
 }
 
@@ -128,6 +143,7 @@ v1::Emitter draw_emitter(const v1::EmitterChoice& choice, uint64_t branch, const
     emitter.set_aspect(draw(6, choice.aspect()));
     emitter.set_roll_degrees(draw(7, choice.roll_degrees()));
   }
+  if (choice.has_temperature()) emitter.set_temperature(draw(8, choice.temperature()));
   return emitter;
 }
 
@@ -140,6 +156,9 @@ v1::Studio draw_studio(const v1::StudioChoice& choice, uint64_t light, const Cho
       static_cast<uint64_t>(std::lround(choices.draw(branch(2), choice.emitters())));
   for (uint64_t i = 0; i < emitters; ++i) {
     *studio.add_emitters() = draw_emitter(choice.emitter(), branch(3 + i), choices);
+  }
+  if (choice.has_walls_temperature()) {
+    studio.set_walls_temperature(choices.draw(branch(kTemperature), choice.walls_temperature()));
   }
   return studio;
 }
@@ -175,8 +194,11 @@ v1::Lamp draw_lamp(const v1::LampChoice& choice, const v1::ItemCamera& camera, u
                    const Choices& choices) {
   constexpr uint64_t kAttempts = 100;
   for (uint64_t attempt = 0; attempt < kAttempts; ++attempt) {
-    const v1::Lamp lamp = draw_lamp_once(choice, light, attempt, choices);
-    if (lamp.radius() == 0 || !may_be_seen(lamp, camera)) return lamp;
+    v1::Lamp lamp = draw_lamp_once(choice, light, attempt, choices);
+    if (lamp.radius() == 0 || !may_be_seen(lamp, camera)) {
+      draw_temperatures(choice, light, choices, lamp);
+      return lamp;
+    }
   }
   throw invalid_input(fmt::format(
       "lights[{}].lamp stands in the picture, {} times of {}: choose other directions or distances",

@@ -1,11 +1,13 @@
 #include "client/dataset/studio.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <vector>
 
 #include "client/dataset/panorama.h"
+#include "client/image/spectrum.h"
 #include "common/angle.h"
 #include "common/vec.h"
 
@@ -101,6 +103,7 @@ struct Canvas {
         height(h),
         middles(w, h),
         samples(kSamples * w, kSamples * h),
+        luminance(size_t{w} * h),
         radiance(size_t{w} * h) {
     for (uint32_t row = 0; row < h; ++row) rows.push_back(panorama_row(row, w, h));
   }
@@ -109,7 +112,9 @@ struct Canvas {
   uint32_t width, height;
   Directions middles, samples;
   std::vector<PanoramaRow> rows;
-  std::vector<double> radiance;
+  // The emitters' light; their colours have a luminance of 1.
+  std::vector<double> luminance;
+  std::vector<std::array<double, 3>> radiance;
 };
 
 // The mean over the pixel.
@@ -138,15 +143,18 @@ void add(const v1::Emitter& choice, Canvas& canvas) {
       covered.emplace_back(size_t{row} * canvas.width + column, part);
     }
   }
+  const std::array<double, 3> colour = colour_of_black_body(choice.temperature());
   for (const auto& [place, part] : covered) {
-    canvas.radiance[place] += choice.strength() * part / irradiance;
+    const double radiance = choice.strength() * part / irradiance;
+    canvas.luminance[place] += radiance;
+    for (size_t c = 0; c < 3; ++c) canvas.radiance[place][c] += radiance * colour[c];
   }
 }
 
 double irradiance_from_above(const Canvas& canvas) {
   double sum = 0;
-  for (size_t i = 0; i < canvas.radiance.size(); ++i) {
-    sum += canvas.radiance[i] * canvas.rows[i / canvas.width].from_above;
+  for (size_t i = 0; i < canvas.luminance.size(); ++i) {
+    sum += canvas.luminance[i] * canvas.rows[i / canvas.width].from_above;
   }
   return sum;
 }
@@ -161,12 +169,15 @@ v1::Pixels studio_panorama(const v1::Studio& studio) {
   const double irradiance = studio.irradiance(), walls = studio.walls();
   const double factor = (1 - walls) * irradiance / irradiance_from_above(canvas);
   const double of_walls = walls * irradiance / kPi;
-  std::vector<float> radiance;
-  radiance.reserve(canvas.radiance.size());
-  for (const double value : canvas.radiance) {
-    radiance.push_back(static_cast<float>(of_walls + factor * value));
+  const std::array<double, 3> colour = colour_of_black_body(studio.walls_temperature());
+  std::vector<float> rgb;
+  rgb.reserve(3 * canvas.radiance.size());
+  for (const std::array<double, 3>& pixel : canvas.radiance) {
+    for (size_t c = 0; c < 3; ++c) {
+      rgb.push_back(static_cast<float>(of_walls * colour[c] + factor * pixel[c]));
+    }
   }
-  return gray_panorama(canvas.width, canvas.height, radiance);
+  return panorama_of(canvas.width, canvas.height, rgb);
 }
 
 }  // namespace itn

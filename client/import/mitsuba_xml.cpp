@@ -12,7 +12,7 @@
 #include <sstream>
 
 #include "client/image/srgb.h"
-#include "client/import/spectrum.h"
+#include "client/image/spectrum.h"
 #include "common/angle.h"
 #include "common/error.h"
 #include "common/files/read_file.h"

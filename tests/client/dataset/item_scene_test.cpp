@@ -7,7 +7,9 @@
 #include <numbers>
 
 #include "client/dataset/ground_texture.h"
+#include "client/dataset/panorama.h"
 #include "client/dataset/plan.h"
+#include "client/image/spectrum.h"
 #include "common/geometry/mesh.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/mesh_builder.h"
@@ -330,6 +332,11 @@ TEST(ItemScene, ChecksWhatItsSizeFollowsFrom) {
   expect_refused("items[0].colours have the g 0.2 and 0.3",
                  [&](auto& item, auto&) { add_colours(item, 0.3); });
   expect_refused("g is 2", [&](auto& item, auto&) { add_colours(item, 2); });
+  expect_refused("items[0].light.studio.emitters[0].temperature is 5;",
+                 [](auto&, auto& emitter) { emitter.set_temperature(5); });
+  expect_refused("items[0].light.lamp.ambient_temperature is -1;", [](auto& item, auto&) {
+    item.mutable_light()->mutable_lamp()->set_ambient_temperature(-1);
+  });
   for (const float size : {0.0F, 1e-9F, 121.0F}) {
     expect_refused("items[0].light.studio.emitters[0].size_degrees is",
                    [&](auto&, auto& emitter) { emitter.set_size_degrees(size); });
@@ -344,6 +351,52 @@ TEST(ItemScene, ChecksWhatItsSizeFollowsFrom) {
   });
   expect_refused("items[0].rotation.axis is (0, 0, 0)",
                  [](auto& item, auto&) { item.mutable_rotation()->set_angle_degrees(5); });
+}
+
+// The luminance of the room stays what it is; a bulb's room in daylight is blue beside the bulb.
+TEST(ItemScene, HasTheColourOfTheRoomBesideThatOfTheLamp) {
+  const auto lights = [](float kelvin, float ambient_kelvin) {
+    v1::DatasetItem item = upright_item();
+    v1::Lamp& lamp = *item.mutable_light()->mutable_lamp();
+    lamp.set_irradiance(50);
+    lamp.set_distance(5);
+    lamp.set_radius(0.1F);
+    lamp.set_ambient(0.4F);
+    lamp.set_temperature(kelvin);
+    lamp.set_ambient_temperature(ambient_kelvin);
+    check_item(item, "items[0]");
+    return scene_of(item, triangles_of("cube"), 16).lights();
+  };
+  const double radiance = 0.4 * 50 / std::numbers::pi;
+  for (const float same : {0.0F, 3000.0F}) {
+    ASSERT_EQ(lights(same, same).size(), 2);
+    EXPECT_NEAR(lights(same, same)[1].constant().radiance(), radiance, 1e-5);
+  }
+  const auto room = lights(2700, 6500)[1].environment_map().pixels();
+  EXPECT_NEAR(irradiance_from_above(room), std::numbers::pi * radiance, 1e-4);
+  const double red = irradiance_from_above(room, v1::Film::RED);
+  const double blue = irradiance_from_above(room, v1::Film::BLUE);
+  const std::array<double, 3> bulb = colour_of_black_body(2700), day = colour_of_black_body(6500);
+  EXPECT_NEAR(blue / red, day[2] / bulb[2] * bulb[0] / day[0], 1e-4);
+  EXPECT_GT(blue, 3 * red);
+}
+
+TEST(WhiteOf, IsTheColourOfLampAndRoomTogether) {
+  v1::DatasetItem item;
+  v1::Flash& flash = *item.mutable_light()->mutable_flash();
+  flash.set_ambient(1);
+  flash.set_ambient_temperature(3000);
+  const std::array<double, 3> warm = colour_of_black_body(3000);
+  for (size_t c = 0; c < 3; ++c) EXPECT_NEAR(white_of(item).at(c), (1 + warm.at(c)) / 2, 1e-12);
+  flash.set_temperature(3000);
+  for (const double value : white_of(item)) EXPECT_NEAR(value, 1, 1e-12);
+  // A soft box alone, then walls alone.
+  v1::Studio& studio = *item.mutable_light()->mutable_studio();
+  studio.add_emitters()->set_strength(0.3F);
+  studio.mutable_emitters(0)->set_temperature(3000);
+  for (size_t c = 0; c < 3; ++c) EXPECT_NEAR(white_of(item).at(c), warm.at(c), 1e-12);
+  studio.set_walls(1);
+  EXPECT_EQ(white_of(item), (std::array<double, 3>{1, 1, 1}));
 }
 
 // What is white has the luminance of the light, and the colour of a low sun or of the sky.

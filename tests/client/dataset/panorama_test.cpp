@@ -65,8 +65,8 @@ double power_of(const v1::Pixels& pixels) {
 }
 
 TEST(Panorama, TheSameRadianceFromEverywhereIsPi) {
-  const std::vector<float> ones(size_t{14} * 7, 1);
-  const v1::Pixels pixels = gray_panorama(14, 7, ones);
+  const std::vector<float> ones(size_t{3} * 14 * 7, 1);
+  const v1::Pixels pixels = panorama_of(14, 7, ones);
   EXPECT_NEAR(irradiance_from_above(pixels), kPi, 1e-6);
   EXPECT_NEAR(power_of(pixels), 4 * kPi, 1e-6);
 }

@@ -377,6 +377,46 @@ TEST(DatasetPlan, EveryColourOfAGroundIsIndependentOfEveryOther) {
                       {"blue", [](const auto& i) { return i.ground_color().blue(); }}});
 }
 
+// Temperatures are drawn by themselves, and change nothing else of what is drawn.
+TEST(DatasetPlan, EveryTemperatureIsIndependentOfEveryOther) {
+  const auto items = [](const std::string& lights) {
+    v1::DatasetConfig config;
+    parse_text_proto("materials { colours {} } " + lights, "lights", config);
+    set_defaults(config);
+    config.set_test_fraction(0);
+    config.set_validation_fraction(0);
+    validate(config);
+    return items_of(config);
+  };
+  const auto lamps = items(
+      "lights { lamp { ambient { uniform { max: 1 } } temperature { uniform { min: 2700 max: 6500 "
+      "} }"
+      " ambient_temperature { log_uniform { min: 2700 max: 10000 } } } }");
+  expect_independent(
+      lamps, {{"distance", [](const auto& i) { return i.light().lamp().distance(); }},
+              {"ambient", [](const auto& i) { return i.light().lamp().ambient(); }},
+              {"lamp", [](const auto& i) { return i.light().lamp().temperature(); }},
+              {"room", [](const auto& i) { return i.light().lamp().ambient_temperature(); }}});
+  const auto gray = items("lights { lamp { ambient { uniform { max: 1 } } } }");
+  const std::string two =
+      "lights { studio { emitters { fixed: 2 } walls_temperature { uniform { min: 3000 max: 9000 } "
+      "}"
+      " emitter { temperature { log_uniform { min: 2700 max: 9000 } } } } }";
+  expect_independent(
+      items(two),
+      {{"walls", [](const auto& i) { return i.light().studio().walls(); }},
+       {"of walls", [](const auto& i) { return i.light().studio().walls_temperature(); }},
+       {"strength", [](const auto& i) { return i.light().studio().emitters(0).strength(); }},
+       {"first", [](const auto& i) { return i.light().studio().emitters(0).temperature(); }},
+       {"second", [](const auto& i) { return i.light().studio().emitters(1).temperature(); }}});
+  for (size_t i = 0; i < 100; ++i) {
+    v1::DatasetItem item = lamps[i];
+    item.mutable_light()->mutable_lamp()->clear_temperature();
+    item.mutable_light()->mutable_lamp()->clear_ambient_temperature();
+    EXPECT_EQ(item.SerializeAsString(), gray[i].SerializeAsString());
+  }
+}
+
 TEST(DatasetPlan, EveryChoiceOfAStudioIsIndependentOfEveryOther) {
   v1::DatasetConfig config = training_alone("studio");
   v1::StudioChoice& studio = *config.mutable_lights(0)->mutable_studio();

@@ -3,7 +3,9 @@
 #include <cmath>
 #include <numbers>
 
+#include "client/dataset/panorama.h"
 #include "client/dataset/plan.h"
+#include "client/image/spectrum.h"
 #include "client/scene/text_proto.h"
 #include "common/angle.h"
 #include "common/rpc/wire_array.h"
@@ -55,6 +57,24 @@ v1::Studio studio(const std::string& text) {
   v1::Studio result;
   parse_text_proto("irradiance: 100 " + text, "studio", result);
   return result;
+}
+
+// Temperatures change the colours of a studio, and nothing in its luminance.
+TEST(Studio, HasTheColoursOfItsEmittersAndWalls) {
+  const std::string emitter =
+      "emitters { size_degrees: 30 aspect: 1 elevation_degrees: 90 edge: 0.5 strength: 1 ";
+  const v1::Pixels gray = studio_panorama(studio("walls: 0.2 " + emitter + "}"));
+  const v1::Pixels coloured = studio_panorama(
+      studio("walls: 0.2 walls_temperature: 3000 " + emitter + "temperature: 9000 }"));
+  const auto gray_rgb = from_bytes<float>(gray.rgb()), rgb = from_bytes<float>(coloured.rgb());
+  const std::array<double, 3> walls = colour_of_black_body(3000), box = colour_of_black_body(9000);
+  ASSERT_EQ(rgb.size(), gray_rgb.size());
+  const float of_walls = gray_rgb.back();
+  for (size_t i = 0; i < rgb.size(); ++i) {
+    const double expected = of_walls * walls[i % 3] + (gray_rgb[i] - of_walls) * box[i % 3];
+    ASSERT_NEAR(rgb[i], expected, 1e-5 * expected);
+  }
+  EXPECT_NEAR(irradiance_from_above(coloured), irradiance_from_above(gray), 1e-4);
 }
 
 TEST(Studio, IrradianceIsAsAsked) {

@@ -1,7 +1,9 @@
-#include "client/import/spectrum.h"
+#include "client/image/spectrum.h"
 
 #include <algorithm>
 #include <cmath>
+
+#include "common/luminance.h"
 
 namespace itn {
 namespace {
@@ -47,6 +49,21 @@ std::array<double, 3> colour_of_spectrum(const std::map<double, double>& spectru
   }
   for (size_t c = 0; c < 3; ++c) seen[c] = std::max(0.0, seen[c] / white[c]);
   return seen;
+}
+
+std::array<double, 3> colour_of_black_body(double kelvin) {
+  if (kelvin == 0) return {1, 1, 1};
+  constexpr double kSecondRadiation = 1.438776877e7;  // h c / k in nm K (CODATA 2018)
+  constexpr double kMiddle = 560;                     // nm
+  const auto planck = [&](double nm) {
+    return std::pow(kMiddle / nm, 5) / std::expm1(kSecondRadiation / (nm * kelvin));
+  };
+  std::map<double, double> spectrum;
+  for (double nm = 380; nm <= 720; nm += 5) spectrum[nm] = planck(nm) / planck(kMiddle);
+  std::array<double, 3> colour = colour_of_spectrum(spectrum);
+  const double sum = luminance(colour);
+  for (double& value : colour) value /= sum;
+  return colour;
 }
 
 }  // namespace itn

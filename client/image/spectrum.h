@@ -14,4 +14,10 @@ namespace itn {
 // analytic approximations to the CIE XYZ color matching functions", JCGT 2013.
 std::array<double, 3> colour_of_spectrum(const std::map<double, double>& spectrum);
 
+inline constexpr double kMinTemperature = 2000, kMaxTemperature = 40000;  // K
+
+// The colour of a black body's light, as above but of luminance 1. 0 K stands for gray, which light
+// of some 5500 K nearly is. A candle has 1900 K, a bulb 2700, a clear sky 10000 and more.
+std::array<double, 3> colour_of_black_body(double kelvin);
+
 }  // namespace itn
