@@ -11,8 +11,8 @@
 #include <set>
 #include <sstream>
 
-#include "client/image/srgb.h"
 #include "client/image/spectrum.h"
+#include "client/image/srgb.h"
 #include "common/angle.h"
 #include "common/error.h"
 #include "common/files/read_file.h"
