@@ -25,12 +25,12 @@ void fit_coordinates(const LabelledImages& images, v1::Model& model) {
     model.add_standard_deviation(1);
   }
   const AnswerSpace space(model);
-  std::vector<double> sum(n), squares(n);
+  std::vector<double> sum(n), products(n * n);
   const auto add = [&](size_t image) {
     const std::vector<double> c = space.standardized(images.truth_of(image));
     for (size_t i = 0; i < n; ++i) {
       sum[i] += c[i];
-      squares[i] += c[i] * c[i];
+      for (size_t j = 0; j < n; ++j) products[i * n + j] += c[i] * c[j];
     }
   };
   size_t count = images.labelled.size();
@@ -41,7 +41,7 @@ void fit_coordinates(const LabelledImages& images, v1::Model& model) {
   }
   for (size_t i = 0; i < n; ++i) {
     const double mean = sum[i] / static_cast<double>(count);
-    const double variance = squares[i] / static_cast<double>(count) - mean * mean;
+    const double variance = products[i * n + i] / static_cast<double>(count) - mean * mean;
     if (!(variance > 1e-12 * mean * mean)) {
       throw invalid_input(
           "all materials of the training split are the same in some coordinate; there is "
@@ -49,6 +49,15 @@ void fit_coordinates(const LabelledImages& images, v1::Model& model) {
     }
     model.set_mean(static_cast<int>(i), mean);
     model.set_standard_deviation(static_cast<int>(i), std::sqrt(variance));
+  }
+  for (size_t i = 0; i < n; ++i) {
+    for (size_t j = 0; j < n; ++j) {
+      const int row = static_cast<int>(i), column = static_cast<int>(j);
+      const double covariance =
+          products[i * n + j] / static_cast<double>(count) - model.mean(row) * model.mean(column);
+      model.add_correlation(covariance /
+                            (model.standard_deviation(row) * model.standard_deviation(column)));
+    }
   }
 }
 

@@ -10,8 +10,31 @@
 namespace itn {
 namespace {
 
-// Materials as those of training are distributed: sigma_t log-uniformly, albedo and g uniformly.
-Gaussian prior_of(const v1::Model& model) {
+Gaussian stored_prior(const v1::Model& model) {
+  constexpr double kRounding = 1e-6;
+  const int n = model.mean_size();
+  if (model.correlation_size() != n * n) {
+    throw invalid_input(fmt::format("model.correlation has {} numbers; {} coordinates have {}",
+                                    model.correlation_size(), n, n * n));
+  }
+  const torch::Tensor correlation =
+      torch::tensor(c10::ArrayRef<double>(model.correlation().data(), static_cast<size_t>(n * n)),
+                    torch::kFloat64)
+          .view({n, n});
+  const bool is_one = correlation.isfinite().all().item<bool>() &&
+                      correlation.equal(correlation.t()) &&
+                      std::get<0>(at::linalg_eigh(correlation)).min().item<double>() > -kRounding;
+  if (!is_one) {
+    throw invalid_input("model.correlation is not that of a distribution over all coordinates");
+  }
+  // Where all media were gray, their colours have nothing that differs.
+  constexpr double kLeast = 1e-4;
+  const torch::Tensor covariance = correlation + kLeast * torch::eye(n, torch::kFloat64);
+  return {torch::zeros({n}, torch::kFloat64), at::linalg_inv(covariance)};
+}
+
+// Of a model that says nothing but its bounds: sigma_t log-uniformly, albedo and g uniformly.
+Gaussian prior_of_bounds(const v1::Model& model) {
   constexpr uint32_t kPoints = 4096;
   const OutputSpace space(model);
   const Box range = to_box(training_range(model.bounds()));
@@ -58,15 +81,16 @@ Combination::Combination(const v1::Model& model) : error_correlation_(model.erro
         "the model answers no distributions, so that answers for several images cannot be "
         "combined; one of --preset residual does");
   }
-  if (channels_of(model) > 1) {
-    throw invalid_input("answers in colour for several images cannot be combined");
-  }
   if (!(error_correlation_ >= 0 && error_correlation_ <= 1)) {
     throw invalid_input(
         fmt::format("model.error_correlation is {}; it must be in [0, 1]", error_correlation_));
   }
-  log_size_unit_ = model.standard_deviation(0);
-  prior_ = prior_of(model);
+  const size_t channels = AnswerSpace(model).channels();
+  for (size_t c = 0; c < channels; ++c) {
+    log_size_units_.push_back(model.standard_deviation(static_cast<int>(c)));
+  }
+  const bool says_bounds_alone = model.correlation().empty() && channels == 1;
+  prior_ = says_bounds_alone ? prior_of_bounds(model) : stored_prior(model);
 }
 
 std::vector<double> Combination::operator()(std::span<const ImageAnswer> answers) const {
@@ -76,8 +100,11 @@ std::vector<double> Combination::operator()(std::span<const ImageAnswer> answers
   torch::Tensor information = prior_.precision.matmul(prior_.mean);
   for (const ImageAnswer& answer : answers) {
     // What is 1 / mm for one object is another number per longest side of another.
-    torch::Tensor shift = torch::zeros({3}, torch::kFloat64);
-    shift[0] = std::log(answers.front().object_size / answer.object_size) / log_size_unit_;
+    torch::Tensor shift = torch::zeros_like(prior_.mean);
+    const double larger = std::log(answers.front().object_size / answer.object_size);
+    for (size_t c = 0; c < log_size_units_.size(); ++c) {
+      shift[static_cast<int64_t>(c)] = larger / log_size_units_[c];
+    }
     const Gaussian image = to_gaussian(answer.outputs);
     precision = precision + weight * (image.precision - prior_.precision);
     information = information + weight * (image.precision.matmul(image.mean + shift) -

@@ -7,9 +7,11 @@
 //   precision    L = P + c sum_i (L_i - P),    c = 1 / (1 + (n - 1) r)
 //   information  h = P p_1 + c sum_i (h_i - P p_i)
 //
-// with precision P and mean p_i of the prior. If the errors in two images of one object had nothing
-// in common, c would be 1. They have, since the network misunderstands a shape in the same way
-// twice: r is their correlation (Model.error_correlation), and n images tell as much as n c would.
+// with precision P and mean p_i of the prior, which is the Gaussian that has the means and
+// covariances of the training materials' coordinates (Model.correlation). If the errors in two
+// images of one object had nothing in common, c would be 1. They have, since the network
+// misunderstands a shape in the same way twice: r is their correlation (Model.error_correlation),
+// and n images tell as much as n c would.
 #pragma once
 
 #include <span>
@@ -22,7 +24,8 @@
 namespace itn {
 
 // In standardised coordinates: the outputs for one image, and the object's longest side in mm. The
-// first coordinate is a logarithm of something per length, so that another size moves it alone.
+// first coordinate of each channel is a logarithm of something per length, so that another size
+// moves those alone.
 struct ImageAnswer {
   std::vector<double> outputs;
   double object_size = 1;
@@ -30,7 +33,8 @@ struct ImageAnswer {
 
 class Combination {
  public:
-  // Throws Error (invalid input) unless the model answers distributions about one channel.
+  // Throws Error (invalid input) unless the model answers distributions, and says what its training
+  // materials were.
   explicit Combination(const v1::Model& model);
 
   // Outputs for an object as large as the first one's. One answer alone stays what it is. Requires
@@ -39,7 +43,7 @@ class Combination {
 
  private:
   double error_correlation_;
-  double log_size_unit_;  // standard deviation of the first coordinate
+  std::vector<double> log_size_units_;  // standard deviation of the first coordinate, by channel
   Gaussian prior_;
 };
 

@@ -341,7 +341,9 @@ std::vector<MaterialEstimate> Predictor::combined(
     }
   }
   std::vector<MaterialEstimate> result;
-  for (size_t channel = 0; !images.empty() && channel < images.front()->size(); ++channel) {
+  // An answer is about one channel, or about all colours.
+  for (size_t first = 0; !images.empty() && first < images.front()->size();
+       first += space_.channels()) {
     std::vector<ImageAnswer> answers;
     std::vector<v1::Warning> warnings;
     std::optional<OutlierScore> outlier;
@@ -352,16 +354,21 @@ std::vector<MaterialEstimate> Predictor::combined(
             "images of one material must have the same channels; one has {}, another {}",
             images.front()->size(), images[i]->size()));
       }
-      const MaterialEstimate& estimate = (*images[i])[channel];
+      const MaterialEstimate& estimate = (*images[i])[first];
       ImageAnswer& answer = answers.emplace_back();
       answer.outputs = estimate.outputs;
       answer.object_size = sizes[i].value_or(1);
-      add_new(estimate.warnings, warnings);
+      for (size_t c = 0; c < space_.channels(); ++c) {
+        add_new((*images[i])[first + c].warnings, warnings);
+      }
       take_worse(estimate.outlier, outlier);
     }
-    result.push_back(estimates_of(combination(answers), sizes.front().value_or(1)).front());
-    result.back().warnings = std::move(warnings);
-    result.back().outlier = std::move(outlier);
+    for (MaterialEstimate& channel :
+         estimates_of(combination(answers), sizes.front().value_or(1))) {
+      result.push_back(std::move(channel));
+      result.back().warnings = warnings;
+      result.back().outlier = outlier;
+    }
   }
   return result;
 }

@@ -207,6 +207,23 @@ TEST_F(TrainingTest, TruthWithoutALabelTellsNothing) {
   }
 }
 
+TEST_F(TrainingTest, TheModelKnowsHowItsMaterialsAreCorrelated) {
+  const v1::TrainingConfig c = config(v1::TrainingConfig::RN);
+  const v1::Model model = fit_model(images_, inputs_->mean_radiance(), range_, c);
+  const AnswerSpace space(model);
+  ASSERT_EQ(model.correlation_size(), 9);
+  for (size_t i = 0; i < 3; ++i) {
+    for (size_t j = 0; j < 3; ++j) {
+      double sum = 0;
+      for (size_t k = 0; k < images_.items.size(); ++k) {
+        const std::vector<double> z = space.standardized(images_.truth_of(k));
+        sum += z[i] * z[j] / static_cast<double>(images_.items.size());
+      }
+      EXPECT_NEAR(model.correlation(static_cast<int>(3 * i + j)), sum, 1e-9);
+    }
+  }
+}
+
 // Half of an ITN's batch has labels, and half has none; each image comes once before any comes
 // again.
 TEST_F(TrainingTest, BatchesOfFewLabelsAreHalfOfThose) {

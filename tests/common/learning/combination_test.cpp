@@ -1,6 +1,7 @@
 #include "common/learning/combination.h"
 
 #include <cmath>
+#include <limits>
 
 #include <gmock/gmock.h>
 
@@ -69,6 +70,62 @@ TEST(Combination, IsThePosteriorOfAllImages) {
   // The prior of the combination is one of other points of the same distribution.
   EXPECT_LT(distance(both.mean, expected), 0.02);
   EXPECT_LT(distance(both.precision, precision), 0.05 * precision.max().item<double>());
+}
+
+// The correlations of materials whose colours are alike.
+void set_correlation(double of_colours, v1::Model& model) {
+  for (int i = 0; i < 7; ++i) {
+    for (int j = 0; j < 7; ++j) {
+      model.add_correlation(i == j ? 1 : i / 3 == j / 3 && i < 6 && j < 6 ? of_colours : 0);
+    }
+  }
+}
+
+// In colour the prior is what the model says of its training; an object twice as large moves all
+// three of the first coordinates.
+TEST(Combination, InColourIsThePosteriorOfAllImages) {
+  v1::Model model = residual_model(32, v1::EXPOSURE_UNKNOWN, 3);
+  set_correlation(0.6, model);
+  torch::Tensor covariance = torch::empty({7, 7}, torch::kFloat64);
+  for (int64_t k = 0; k < 49; ++k)
+    covariance.view({49})[k] = model.correlation(static_cast<int>(k));
+  const torch::Tensor prior = at::linalg_inv(covariance);
+  const torch::Tensor noise = torch::diag(torch::linspace(1, 4, 7, torch::kFloat64));
+  const auto answer = [&](const torch::Tensor& measured, double size) {
+    const torch::Tensor precision = prior + noise;
+    return ImageAnswer{to_outputs({at::linalg_solve(precision, noise.matmul(measured)), precision}),
+                       size};
+  };
+  const torch::Tensor first = torch::linspace(-0.5, 0.7, 7, torch::kFloat64);
+  const torch::Tensor second = first.flip(0) + 0.1;
+  const auto both_of = [&](double size) {
+    return to_gaussian(
+        Combination(model)(std::vector<ImageAnswer>{answer(first, 1), answer(second, size)}));
+  };
+  const Gaussian both = both_of(1);
+  const torch::Tensor precision = prior + 2 * noise;
+  EXPECT_LT(distance(both.precision, precision), 2e-3 * precision.max().item<double>());
+  EXPECT_LT(distance(both.mean, at::linalg_solve(precision, noise.matmul(first + second))), 2e-3);
+  // What the second image says, and what was known before it, are of another size.
+  torch::Tensor shift = torch::zeros({7}, torch::kFloat64);
+  for (int k = 0; k < 3; ++k) shift[k] = -std::log(2.0) / model.standard_deviation(k);
+  const torch::Tensor moved = at::linalg_solve(precision, noise.matmul(first + second + shift));
+  EXPECT_LT(distance(both_of(2).mean, moved), 2e-3);
+}
+
+TEST(Combination, TakesNoPriorThatIsNone) {
+  const v1::Model gray = residual_model(32, v1::EXPOSURE_UNKNOWN, 3);
+  testing::expect_error(ErrorKind::kInvalidInput, {"model.correlation has 0 numbers", "have 49"},
+                        [&] { Combination{gray}; });
+  for (const double wrong : {1.5, std::numeric_limits<double>::quiet_NaN()}) {
+    v1::Model model = gray;
+    set_correlation(wrong, model);
+    testing::expect_error(ErrorKind::kInvalidInput, {"not that of a distribution"},
+                          [&] { Combination{model}; });
+  }
+  v1::Model alike = gray;  // all media are gray
+  set_correlation(1, alike);
+  EXPECT_NO_THROW(Combination{alike});
 }
 
 TEST(Combination, OfOneImageIsItsAnswer) {

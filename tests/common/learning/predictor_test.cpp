@@ -530,6 +530,26 @@ TEST(ColourPredictor, AnswersToSeveralAsToEach) {
   EXPECT_TRUE(std::holds_alternative<Error>(outcomes.each[2]));
 }
 
+TEST(ColourPredictor, CombinesImagesOfOneMaterial) {
+  v1::Model model = residual_model(32, v1::EXPOSURE_UNKNOWN, 3);
+  for (int k = 0; k < 49; ++k) model.add_correlation(k % 8 == 0 ? 1 : 0);
+  const Predictor predictor(model);
+  const std::vector<Pixels> photographs{disc(60, 50, 3, 25, 24, 18), disc(40, 40, 3, 20, 20, 12)};
+  const auto outcomes = predictor.estimate_each(
+      2, [&](size_t i) { return predictor.seen(photographs[i].photograph()); }, true);
+  ASSERT_EQ(outcomes.combined.size(), 3);
+  std::vector<ImageAnswer> answers;
+  for (size_t i = 0; i < 2; ++i) {
+    const auto& estimates = std::get<std::vector<MaterialEstimate>>(outcomes.each[i]);
+    answers.push_back({estimates[0].outputs, 1});
+  }
+  for (const MaterialEstimate& channel : outcomes.combined) {
+    EXPECT_EQ(channel.outputs, Combination(model)(answers));
+    EXPECT_EQ(channel.material.g, outcomes.combined[0].material.g);
+  }
+  EXPECT_NE(outcomes.combined[0].material.sigma_t, outcomes.combined[2].material.sigma_t);
+}
+
 // A white card tells the colour of the light, though not how bright it was to the camera.
 TEST(ColourPredictor, TakesTheLightsColourFromACard) {
   const Predictor predictor(residual_model(32, v1::EXPOSURE_UNKNOWN, 3));
