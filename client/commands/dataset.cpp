@@ -347,6 +347,9 @@ void add_image_flags(ConfigFlags<Config>& changes) {
           "Instead: as many samples for each image as bring its relative noise to this, "
           "e.g. 5%")
       ->excludes(spp);
+  changes.add<uint32_t>("--views", &Config::set_views,
+                        "Images of each object, one after the other, for itn evaluate "
+                        "--one-material: of one shape, material and surface; default 1");
   changes.add_switch("--derivatives", &Config::set_derivatives,
                      "Derivative images, too, in sigma_t, albedo and g, for itn train "
                      "--first-order-step: 1.2 times the time, five times the room");

@@ -50,6 +50,24 @@ EvaluatedRow baseline(const std::string& name, std::vector<Material> predictions
   return candidate;
 }
 
+EvaluatedRow network_row(const std::string& name, const std::string& checkpoint, double noise,
+                         const Predictor& predictor, std::vector<MaterialEstimate> estimates,
+                         const LabelledImages& images) {
+  EvaluatedRow candidate;
+  candidate.row.set_name(name);
+  candidate.row.set_checkpoint(checkpoint);
+  candidate.row.set_noise(noise);
+  for (const MaterialEstimate& estimate : estimates) {
+    candidate.predictions.push_back(estimate.material);
+  }
+  set_errors(candidate.predictions, images, candidate.row);
+  set_details(estimates, images, candidate.row);
+  set_outlier_fraction(estimates, candidate.row);
+  set_likelihood(predictor, estimates, images, candidate.row);
+  candidate.estimates = std::move(estimates);
+  return candidate;
+}
+
 std::vector<EvaluatedRow> candidates_of(const EvaluateOptions& options,
                                         const LabelledImages& images,
                                         const v1::MaterialChoice& materials) {
@@ -60,19 +78,15 @@ std::vector<EvaluatedRow> candidates_of(const EvaluateOptions& options,
     for (const double noise : noise_levels(options, predictor.model())) {
       std::vector<MaterialEstimate> estimates =
           estimate_all(predictor, images, noise, interruption());
-      EvaluatedRow& candidate = candidates.emplace_back();
-      candidate.row.set_name(predictor.name() +
-                             (noise > 0 ? fmt::format(", noise {:.2g} %", 100 * noise) : ""));
-      candidate.row.set_checkpoint(checkpoint);
-      candidate.row.set_noise(noise);
-      for (const MaterialEstimate& estimate : estimates) {
-        candidate.predictions.push_back(estimate.material);
+      const std::string name =
+          predictor.name() + (noise > 0 ? fmt::format(", noise {:.2g} %", 100 * noise) : "");
+      if (options.one_material) {
+        candidates.push_back(network_row(name + ", all images of an object", checkpoint, noise,
+                                         predictor, combined(predictor, images, estimates),
+                                         images));
       }
-      set_errors(candidate.predictions, images, candidate.row);
-      set_details(estimates, images, candidate.row);
-      set_outlier_fraction(estimates, candidate.row);
-      set_likelihood(predictor, estimates, images, candidate.row);
-      candidate.estimates = std::move(estimates);
+      candidates.push_back(
+          network_row(name, checkpoint, noise, predictor, std::move(estimates), images));
     }
   }
   candidates.push_back(baseline("constant predictor", constant_predictions(images), images));

@@ -20,6 +20,7 @@ struct EvaluateOptions {
   uint32_t examples = 0;
   WorkerFlags workers;
   bool noise_levels = false;
+  bool one_material = false;
   bool json = false;
 };
 

@@ -41,6 +41,9 @@ void add_evaluate_command(CLI::App& app) {
       "--noise-levels", options->noise_levels,
       "Evaluate each network also with noise added up to the level that it was trained "
       "at (itn train --add-noise), and up to half of that");
+  command->add_flag("--one-material", options->one_material,
+                    "Evaluate each network also with what it says of all images of an object "
+                    "together (itn dataset --views)");
   add_format_flags(*command, options->json, "itn.v1.Evaluation");
   add_worker_flags(*command, options->workers);
   command->callback([options] { run_evaluate(*options); });

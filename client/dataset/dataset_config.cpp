@@ -306,6 +306,9 @@ void validate_grid(const v1::DatasetConfig& config) {
           "a grid takes one light, a sun_sky, with lists of azimuths: one_of, or fixed");
   require(config.coloured() == 0,
           fmt::format("coloured is {}; a grid shows luminance", config.coloured()));
+  require(config.views() <= 1,
+          fmt::format("views is {}; a grid says itself how many images of an object there are",
+                      config.views()));
   require(!materials.has_sigma_s_reduced() && !materials.has_colours(),
           "a grid takes sigma_t, and no materials.sigma_s_reduced or colours");
   require(config.count() == 0,
@@ -380,6 +383,8 @@ void validate_resolution(uint32_t resolution, const std::string& where) {
 void validate(const v1::DatasetConfig& config) {
   validate_resolution(config.resolution());
   validate_samples(config);
+  require(!config.has_views() || (config.views() >= 1 && config.views() <= 64),
+          fmt::format("views is {}; it must be in [1, 64]", config.views()));
   require_fraction("test", config.test_fraction());
   require_fraction("validation", config.validation_fraction());
   require(config.test_fraction() + config.validation_fraction() < 1,

@@ -302,10 +302,15 @@ v1::Film::Channel draw_channel(const v1::DatasetConfig& config, const Choices& c
   return kColours.at(choices.in_turn(derive_seed(kChannel, {1}), kColours.size()));
 }
 
-// All but the material; and the seed and the name, which are the item's own.
+uint64_t views_of(const v1::DatasetConfig& config) {
+  return std::max(1U, config.views());
+}
+
+// All but the material; and the seed and the name, which are the item's own. `of_object`: the
+// choices of what all views of an object share.
 v1::DatasetItem draw_scene(const v1::DatasetConfig& config, v1::Split split,
                            const std::string& shape, const NameSplit& panoramas,
-                           const Choices& choices) {
+                           const Choices& of_object, const Choices& choices) {
   v1::DatasetItem item;
   item.set_split(split);
   item.set_shape(shape);
@@ -314,7 +319,7 @@ v1::DatasetItem draw_scene(const v1::DatasetConfig& config, v1::Split split,
   item.set_channel(draw_channel(config, choices));
   *item.mutable_light() = draw_light(config, split, item, panoramas, choices);
   draw_ground(config.ground(), choices, item);
-  if (config.has_boundary()) draw_boundary(config.boundary(), choices, item);
+  if (config.has_boundary()) draw_boundary(config.boundary(), of_object, item);
   return item;
 }
 
@@ -345,8 +350,8 @@ void add_grid(v1::Dataset& manifest, v1::Split split, const std::vector<std::str
   uint64_t scene = 0;
   for (const std::string& shape : shapes) {
     for (const double azimuth : azimuths) {
-      v1::DatasetItem item =
-          draw_scene(config, split, shape, {}, Choices(config, {split, scene++}));
+      const Choices choices(config, {split, scene++});
+      v1::DatasetItem item = draw_scene(config, split, shape, {}, choices, choices);
       item.mutable_light()->mutable_sun_sky()->set_sun_azimuth_degrees(static_cast<float>(azimuth));
       for (const v1::Material& material : materials) {
         *item.mutable_material() = material;
@@ -404,14 +409,17 @@ void add_items(v1::Dataset& manifest, const NameSplit& shapes, const NameSplit& 
 
 v1::DatasetItem plan_item(const v1::DatasetConfig& config, const NameSplit& shapes, uint64_t index,
                           const NameSplit& panoramas) {
-  const ItemPlace place = place_of(config, index);
-  const Choices choices(config, place);
+  const uint64_t views = views_of(config);
+  const ItemPlace place = place_of(config, index / views);
+  const Choices of_object(config, place);
+  const Choices choices(config, {place.split, place.index * views + index % views});
   const std::vector<std::string>& names = shapes.names(place.split);
-  v1::DatasetItem item = draw_scene(
-      config, place.split, names.at(choices.in_turn(kShape, names.size())), panoramas, choices);
-  const Material material = draw_material(config.materials(), choices);
+  v1::DatasetItem item =
+      draw_scene(config, place.split, names.at(of_object.in_turn(kShape, names.size())), panoramas,
+                 of_object, choices);
+  const Material material = draw_material(config.materials(), of_object);
   if (config.materials().has_colours()) {
-    for (const Material& colour : draw_colours(config.materials(), material, choices)) {
+    for (const Material& colour : draw_colours(config.materials(), material, of_object)) {
       *item.add_colours() = to_proto(colour);
     }
   } else {
@@ -443,11 +451,13 @@ DatasetPlan plan_dataset(const v1::DatasetConfig& config, std::span<const Shape>
     }
     return plan;
   }
-  const uint64_t test = part_of(config.test_fraction(), config.count());
-  require(test >= 1 && test < config.count(),
-          fmt::format("of {} images, with a test fraction of {}, {} are to test with; training "
+  const uint64_t views = views_of(config);
+  const uint64_t objects = (config.count() + views - 1) / views;
+  const uint64_t test = part_of(config.test_fraction(), objects);
+  require(test >= 1 && test < objects,
+          fmt::format("of {} {}, with a test fraction of {}, {} are to test with; training "
                       "and test need one each at least: choose more images, or another fraction",
-                      config.count(), config.test_fraction(), test));
+                      objects, views > 1 ? "objects" : "images", config.test_fraction(), test));
   add_items(plan.manifest, split, panorama_split);
   return plan;
 }

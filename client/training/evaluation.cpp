@@ -261,6 +261,33 @@ std::vector<MaterialEstimate> estimate_all(Predictor& predictor, const LabelledI
   return estimates;
 }
 
+std::vector<MaterialEstimate> combined(const Predictor& predictor, const LabelledImages& images,
+                                       std::span<const MaterialEstimate> estimates) {
+  const size_t count = images.items.size(), channels = images.channels;
+  const auto is_of_one_object = [&](size_t a, size_t b) {
+    return images.items[a]->shape() == images.items[b]->shape() &&
+           std::ranges::equal(images.truth_of(a), images.truth_of(b));
+  };
+  std::vector<MaterialEstimate> result;
+  bool is_any = false;
+  for (size_t first = 0; first < count;) {
+    std::vector<std::vector<MaterialEstimate>> views;
+    size_t end = first;
+    for (; end < count && is_of_one_object(first, end); ++end) {
+      const auto of_image = estimates.subspan(end * channels, channels);
+      views.emplace_back(of_image.begin(), of_image.end());
+    }
+    is_any = is_any || views.size() > 1;
+    const std::vector<MaterialEstimate> together = predictor.combined(views);
+    for (; first < end; ++first) result.insert(result.end(), together.begin(), together.end());
+  }
+  if (!is_any) {
+    throw invalid_input(
+        "no two images of the dataset are of one object; itn dataset --views makes such");
+  }
+  return result;
+}
+
 std::vector<Material> constant_predictions(const LabelledImages& images) {
   Material mean{0, 0, 0};
   const auto count = static_cast<double>(images.truth.size());

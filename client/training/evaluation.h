@@ -19,6 +19,12 @@ namespace itn {
 std::vector<MaterialEstimate> estimate_all(Predictor& predictor, const LabelledImages& images,
                                            double noise, std::stop_token stop = {});
 
+// For each channel of each image, what the answers to all images of its object say together. Those of
+// an object come one after the other (DatasetConfig.views). Throws Error (invalid input) if each is
+// of another, or the predictor cannot combine its answers.
+std::vector<MaterialEstimate> combined(const Predictor& predictor, const LabelledImages& images,
+                                       std::span<const MaterialEstimate> estimates);
+
 // The mean of the truth of these very images, for each of them: of all constant answers the one
 // with the smallest RMSE. A network that does not beat it has learned nothing of the parameter.
 std::vector<Material> constant_predictions(const LabelledImages& images);

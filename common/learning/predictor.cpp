@@ -323,6 +323,13 @@ Predictor::Outcomes Predictor::estimate_each(size_t count,
 }
 
 std::vector<MaterialEstimate> Predictor::combined(
+    std::span<const std::vector<MaterialEstimate>> images) const {
+  const std::vector<Outcome> outcomes(images.begin(), images.end());
+  const std::vector<std::optional<double>> no_sizes(images.size());
+  return combined(outcomes, no_sizes, {});
+}
+
+std::vector<MaterialEstimate> Predictor::combined(
     std::span<const Outcome> outcomes, std::span<const std::optional<double>> object_sizes,
     const std::stop_token& stop) const {
   const Combination combination(model_);

@@ -107,6 +107,11 @@ class Predictor {
   Outcomes estimate_each(size_t count, const std::function<NetworkView(size_t)>& seen,
                          bool one_material, const std::stop_token& stop, const Embed& embed) const;
 
+  // What estimates for images of one material say together, by channel; of objects whose longest
+  // side is 1 mm, or unknown. Throws as estimate_each().
+  std::vector<MaterialEstimate> combined(
+      std::span<const std::vector<MaterialEstimate>> images) const;
+
   // What the network makes of its inputs. A row depends on no other, bit for bit.
   torch::Tensor embed(const torch::Tensor& input) const;
 

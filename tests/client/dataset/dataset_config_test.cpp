@@ -203,6 +203,8 @@ TEST(DatasetConfig, SaysWhatIsOutOfRange) {
        "lights[0].studio.emitters is a range"},
       {"lights { studio { emitters { fixed: 2.5 } } }", "emitters is 2.5; it must be a whole"},
       {"lights { studio { emitters { fixed: 0 } } }", "emitters is 0; it must be in [1, 16]"},
+      {"views: 0", "views is 0; it must be in [1, 64]"},
+      {"views: 65", "views is 65; it must be in [1, 64]"},
       {"lights { studio { emitter { temperature { fixed: 4000 } } } }",
        "lights[0] has a temperature; images have no colours: materials { colours {} }"},
       {"materials { colours {} } lights { flash { temperature { fixed: 1000 } } }",

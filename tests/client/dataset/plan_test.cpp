@@ -377,6 +377,43 @@ TEST(DatasetPlan, EveryColourOfAGroundIsIndependentOfEveryOther) {
                       {"blue", [](const auto& i) { return i.ground_color().blue(); }}});
 }
 
+// Views of an object show it, and everything else anew.
+TEST(DatasetPlan, ViewsShareTheObjectAlone) {
+  v1::DatasetConfig config = preset_config("real");
+  config.set_views(4);
+  validate(config);
+  const NameSplit shapes = split_shapes(config, nameless(50));
+  std::vector<v1::DatasetItem> items;
+  for (uint64_t i = 0; i < 400; ++i) items.push_back(plan_item(config, shapes, i));
+  std::set<std::string> objects;
+  std::set<float> pitches;
+  for (size_t i = 0; i < items.size(); ++i) {
+    const auto object_of = [](const v1::DatasetItem& item) {
+      v1::DatasetItem object;
+      object.set_split(item.split());
+      object.set_shape(item.shape());
+      *object.mutable_colours() = item.colours();
+      *object.mutable_boundary() = item.boundary();
+      return object.SerializeAsString();
+    };
+    EXPECT_EQ(object_of(items[i]), object_of(items[i / 4 * 4]));
+    objects.insert(object_of(items[i]));
+    pitches.insert(items[i].camera().pitch_degrees());
+  }
+  EXPECT_EQ(objects.size(), 100);
+  EXPECT_EQ(pitches.size(), 400);
+  // One view is what there is without a word of it.
+  config.set_views(1);
+  const v1::DatasetItem one = plan_item(config, shapes, 7);
+  config.clear_views();
+  EXPECT_EQ(plan_item(config, shapes, 7).SerializeAsString(), one.SerializeAsString());
+  expect_error(ErrorKind::kInvalidInput, {"of 2 objects, with a test fraction of 0.1, 0 are"}, [&] {
+    config.set_views(4);
+    config.set_count(8);
+    plan_dataset(config, nameless(50));
+  });
+}
+
 // Temperatures are drawn by themselves, and change nothing else of what is drawn.
 TEST(DatasetPlan, EveryTemperatureIsIndependentOfEveryOther) {
   const auto items = [](const std::string& lights) {

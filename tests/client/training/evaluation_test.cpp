@@ -10,7 +10,11 @@
 #include "client/dataset/dataset_config.h"
 #include "client/dataset/dataset_render.h"
 #include "client/dataset/plan.h"
+#include "common/error.h"
 #include "common/geometry/shapes.h"
+#include "common/learning/combination.h"
+#include "tests/common/learning/model_for_tests.h"
+#include "tests/support/expect_error.h"
 
 namespace itn {
 namespace {
@@ -175,6 +179,30 @@ TEST(Evaluation, DetailsAreThoseOfEstimatesThatAreKnown) {
   }
   std::ranges::sort(errors);
   EXPECT_NEAR(row.median_relative_sigma_t(), errors[44], 1e-12);
+}
+
+// Of two objects of the same shape the first has two images, and the other one.
+TEST(Evaluation, CombinesTheImagesOfEachObject) {
+  const v1::Model model = residual_model();
+  const Predictor predictor(model);
+  v1::DatasetItem item;
+  item.set_shape("cube");
+  LabelledImages images;
+  images.items = {&item, &item, &item};
+  images.truth = {{100, 0.4, 0}, {100, 0.4, 0}, {300, 0.8, 0.6}};
+  std::vector<MaterialEstimate> estimates(3);
+  for (size_t i = 0; i < 3; ++i) {
+    estimates[i].outputs = {0.1 * static_cast<double>(i), -0.2, 0.1, 1.4, 1.3, 1.2, 0, 0, 0};
+  }
+  const std::vector<MaterialEstimate> together = combined(predictor, images, estimates);
+  ASSERT_EQ(together.size(), 3);
+  const std::vector<ImageAnswer> pair = {{estimates[0].outputs}, {estimates[1].outputs}};
+  EXPECT_EQ(together[0].outputs, Combination(model)(pair));
+  EXPECT_EQ(together[1].outputs, together[0].outputs);
+  EXPECT_EQ(together[2].outputs, estimates[2].outputs);
+  images.truth[1].g = 0.1;
+  testing::expect_error(ErrorKind::kInvalidInput, {"no two images", "--views"},
+                        [&] { combined(predictor, images, estimates); });
 }
 
 TEST(Evaluation, ImageErrorIsRelativeAndOnTheObject) {
