@@ -19,9 +19,9 @@ namespace itn {
 std::vector<MaterialEstimate> estimate_all(Predictor& predictor, const LabelledImages& images,
                                            double noise, std::stop_token stop = {});
 
-// For each channel of each image, what the answers to all images of its object say together. Those of
-// an object come one after the other (DatasetConfig.views). Throws Error (invalid input) if each is
-// of another, or the predictor cannot combine its answers.
+// For each channel of each image, what the answers to all images of its object say together. Those
+// of an object come one after the other (DatasetConfig.views). Throws Error (invalid input) if each
+// is of another, or the predictor cannot combine its answers.
 std::vector<MaterialEstimate> combined(const Predictor& predictor, const LabelledImages& images,
                                        std::span<const MaterialEstimate> estimates);
 
