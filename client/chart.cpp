@@ -15,14 +15,48 @@ namespace {
 constexpr int kWidth = 900, kHeight = 360;
 // The margins of the chart's field within its picture.
 constexpr int kLeft = 70, kRight = 20, kTop = 40, kBottom = 50;
+constexpr int kLegendLine = 20;
 
 // Okabe and Ito's, which people with colour blindness can tell apart.
 constexpr std::array<std::array<int, 3>, 6> kCurveColours{
     {{0, 114, 178}, {213, 94, 0}, {0, 158, 115}, {204, 121, 167}, {230, 159, 0}, {86, 180, 233}}};
 
-cv::Scalar colour_of(size_t curve) {
-  const auto& [r, g, b] = kCurveColours[curve % kCurveColours.size()];
-  return {static_cast<double>(r), static_cast<double>(g), static_cast<double>(b)};
+// How a curve is drawn: where colours come again, in dashes, then in dots.
+struct Pen {
+  explicit Pen(size_t curve) {
+    const auto& [r, g, b] = kCurveColours[curve % kCurveColours.size()];
+    colour = {static_cast<double>(r), static_cast<double>(g), static_cast<double>(b)};
+    constexpr std::array<std::array<double, 2>, 3> kDashes{{{1, 1}, {7, 12}, {2, 5}}};
+    const auto& [drawn, length] = kDashes[curve / kCurveColours.size() % kDashes.size()];
+    dash = drawn;
+    period = length;
+  }
+
+  cv::Scalar colour;
+  double dash, period;  // pixels that are drawn, of so many along the curve
+};
+
+// Lines through points, dashed along all of them together.
+void draw_line(const cv::Mat& picture, std::span<const cv::Point> points, const Pen& pen,
+               int width) {
+  double behind = 0;  // of the length of the curve
+  for (size_t i = 1; i < points.size(); ++i) {
+    const cv::Point2d from = points[i - 1], way = cv::Point2d(points[i]) - from;
+    const double length = cv::norm(way);
+    if (pen.dash == pen.period) {
+      cv::line(picture, points[i - 1], points[i], pen.colour, width, cv::LINE_AA);
+    } else {
+      for (double dash = pen.period * std::floor(behind / pen.period); dash < behind + length;
+           dash += pen.period) {
+        const double begin = std::max(0.0, dash - behind);
+        const double end = std::min(length, dash + pen.dash - behind);
+        if (begin >= end) continue;
+        cv::line(picture, from + way * (begin / length), from + way * (end / length), pen.colour,
+                 width, cv::LINE_AA);
+      }
+    }
+    behind += length;
+  }
 }
 
 const cv::Scalar kBlack(0, 0, 0), kGray(225, 225, 225);
@@ -56,6 +90,34 @@ std::vector<Point> points_of(const Chart& chart, const Curve& curve) {
   return points;
 }
 
+constexpr double kTextSize = 0.42;
+
+int width_of(const std::string& text) {
+  return cv::getTextSize(text, cv::FONT_HERSHEY_SIMPLEX, kTextSize, 1, nullptr).width;
+}
+
+// Where the names of the curves begin, below the first line of the legend by `y`. The first line
+// ends before the name of the axis.
+std::vector<cv::Point> legend_places(const Chart& chart) {
+  std::vector<cv::Point> places;
+  cv::Point next(kLeft, 0);
+  for (const Curve& curve : chart.curves) {
+    const int end = kWidth - kRight - (next.y == 0 ? width_of(chart.x_name) + 24 : 0);
+    if (next.x > kLeft && next.x + 24 + width_of(curve.name) > end) {
+      next = {kLeft, next.y + kLegendLine};
+    }
+    places.push_back(next);
+    next.x += width_of(curve.name) + 48;
+  }
+  return places;
+}
+
+// With all lines of its legend.
+int height_of(const Chart& chart) {
+  const std::vector<cv::Point> places = legend_places(chart);
+  return kHeight + (places.empty() ? 0 : places.back().y);
+}
+
 class Field {
  public:
   Field(cv::Mat picture, const Range& x, const Range& y) : picture_(picture), x_(x), y_(y) {}
@@ -69,7 +131,7 @@ class Field {
                              std::clamp(part(point.y, y_), 0.0, 1.0) * (kHeight - kTop - kBottom))};
   }
 
-  void text(const std::string& words, const cv::Point& middle, double size = 0.42) const {
+  void text(const std::string& words, const cv::Point& middle, double size = kTextSize) const {
     const cv::Size extent = cv::getTextSize(words, cv::FONT_HERSHEY_SIMPLEX, size, 1, nullptr);
     cv::putText(picture_, words, {middle.x - extent.width / 2, middle.y + extent.height / 2},
                 cv::FONT_HERSHEY_SIMPLEX, size, kBlack, 1, cv::LINE_AA);
@@ -89,22 +151,22 @@ class Field {
     cv::rectangle(picture_, at({x_.low, y_.high}), at({x_.high, y_.low}), kBlack);
   }
 
-  void curve(const std::vector<Point>& points, const cv::Scalar& colour) const {
-    for (size_t i = 1; i < points.size(); ++i) {
-      cv::line(picture_, at(points[i - 1]), at(points[i]), colour, 1, cv::LINE_AA);
-    }
-    if (points.size() == 1) cv::circle(picture_, at(points[0]), 3, colour, cv::FILLED, cv::LINE_AA);
+  void curve(const std::vector<Point>& points, const Pen& pen) const {
+    std::vector<cv::Point> places;
+    for (const Point& point : points) places.push_back(at(point));
+    draw_line(picture_, places, pen, 1);
+    if (points.size() == 1) cv::circle(picture_, places[0], 3, pen.colour, cv::FILLED, cv::LINE_AA);
   }
 
   void legend(const Chart& chart) const {
-    int x = kLeft;
+    const std::vector<cv::Point> places = legend_places(chart);
     for (size_t i = 0; i < chart.curves.size(); ++i) {
+      const cv::Point start = places[i] + cv::Point(0, kHeight - 10);
+      draw_line(picture_, std::array{start, start + cv::Point(18, 0)}, Pen(i), 2);
       const std::string& name = chart.curves[i].name;
-      const cv::Size extent = cv::getTextSize(name, cv::FONT_HERSHEY_SIMPLEX, 0.42, 1, nullptr);
-      cv::line(picture_, {x, kHeight - 10}, {x + 18, kHeight - 10}, colour_of(i), 2);
-      text(name, {x + 24 + extent.width / 2, kHeight - 10});
-      x += extent.width + 48;
+      text(name, start + cv::Point(24 + width_of(name) / 2, 0));
     }
+    text(chart.x_name, {kWidth - kRight - width_of(chart.x_name) / 2, kHeight - 10});
   }
 
  private:
@@ -125,9 +187,8 @@ void draw(const Chart& chart, const cv::Mat& picture) {
   const Field field(picture, range_of(x, 0), range_of(y, 0.01));
   field.text(chart.title, {kWidth / 2, kTop / 2}, 0.55);
   field.axes(chart.log_y);
-  for (size_t i = 0; i < curves.size(); ++i) field.curve(curves[i], colour_of(i));
+  for (size_t i = 0; i < curves.size(); ++i) field.curve(curves[i], Pen(i));
   field.legend(chart);
-  field.text(chart.x_name, {kWidth - 60, kHeight - 10});
 }
 
 }  // namespace
@@ -145,11 +206,13 @@ std::vector<double> axis_marks(double low, double high, int count) {
 }
 
 void write_charts(const std::filesystem::path& path, std::span<const Chart> charts) {
-  const int height = kHeight * static_cast<int>(charts.size());
+  int height = 0;
+  for (const Chart& chart : charts) height += height_of(chart);
   cv::Mat picture(height, kWidth, CV_8UC3, cv::Scalar(255, 255, 255));
-  for (size_t i = 0; i < charts.size(); ++i) {
-    draw(charts[i],
-         picture.rowRange(static_cast<int>(i) * kHeight, static_cast<int>(i + 1) * kHeight));
+  int top = 0;
+  for (const Chart& chart : charts) {
+    draw(chart, picture.rowRange(top, top + height_of(chart)));
+    top += height_of(chart);
   }
   write_png(path, kWidth, height, {picture.data, picture.total() * picture.elemSize()});
 }

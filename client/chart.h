@@ -20,9 +20,10 @@ struct Chart {
   std::vector<Curve> curves;
 };
 
-// One chart above the other, 900 x 360 pixels each, with axes, numbers at round values and a
-// legend. The vertical axis shows the middle 98 % of the values, so that a few wild ones at the
-// start hide nothing. ASCII alone. Throws Error (kIo).
+// One chart above the other, 900 x 360 pixels each and 20 more for each further line of the legend,
+// with axes and numbers at round values. From the seventh on curves are dashed, in the colours of
+// the first six. The vertical axis shows the middle 98 % of the values, so that a few wild ones at
+// the start hide nothing. ASCII alone. Throws Error (kIo).
 void write_charts(const std::filesystem::path& path, std::span<const Chart> charts);
 
 // Numbers at which an axis from `low` to `high` (low < high) is marked: 1, 2 or 5 times a power of

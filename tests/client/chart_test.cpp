@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <limits>
 
+#include "common/files/read_file.h"
 #include "tests/support/temporary_folder.h"
 
 namespace itn {
@@ -35,6 +36,25 @@ TEST(ChartTest, IsWrittenWhateverTheValuesAre) {
   const std::filesystem::path path = folder.path() / "chart.png";
   write_charts(path, charts);
   EXPECT_GT(std::filesystem::file_size(path), 4000U);
+}
+
+// Thirteen names do not fit into one line.
+TEST(ChartTest, ALongLegendHasItsLines) {
+  const testing::TemporaryFolder folder;
+  const std::filesystem::path path = folder.path() / "chart.png";
+  const auto height_with = [&](int curves) {
+    Chart chart{"title", "steps", false, {}};
+    for (int i = 0; i < curves; ++i) {
+      chart.curves.push_back({"a network of " + std::to_string(10 + i), {0, 1}, {0, 1.0 + i}});
+    }
+    write_charts(path, std::vector{chart});
+    const std::string png = read_file(path, "picture");
+    int height = 0;  // PNG's second number, big-endian
+    for (int k = 20; k < 24; ++k) height = 256 * height + static_cast<unsigned char>(png.at(k));
+    return height;
+  };
+  EXPECT_EQ(height_with(3), 360);
+  EXPECT_GT(height_with(13), 360 + 20);
 }
 
 }  // namespace
