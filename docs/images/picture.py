@@ -1,9 +1,11 @@
 #!/usr/bin/python3
-"""Makes the pictures of the README from renders, as PNG or JPEG (Debian: python3-openimageio, python3-numpy).
+"""Makes the pictures of the pages from renders, as PNG or JPEG (Debian: python3-openimageio, python3-numpy).
 
   picture.py colour IMAGE.exr OUT                          its channels R, G and B, white where few of the object are brighter
   picture.py derivatives IMAGE.exr OUT                     its derivatives of Y beside one another, half the size
   picture.py refinement TARGET.exr A.exr B.exr ... OUT     renders beside their target, and the difference
+  picture.py scenes SCENES.png FIRST LAST OUT              of an experiment's report: the truth and five networks of these images,
+                                                           counted from 0, a third of the size
 """
 import sys
 
@@ -78,7 +80,16 @@ def refinement(target, *renders_and_out):
     write(out, np.concatenate(panels, 1))
 
 
-COMMANDS = {"colour": colour, "derivatives": derivatives, "refinement": refinement}
+def scenes(path, first, last, out):
+    image = oiio.ImageInput.open(path).read_image(oiio.FLOAT)[:, :, :3]
+    panel, gap, columns = 256, 8, 6
+    top, bottom = (2 * (panel + gap) * number for number in (int(first), int(last) + 1))
+    shown = image[top:bottom, : columns * (panel + gap)]
+    height, width = (3 * (size // 3) for size in shown.shape[:2])
+    write(out, shown[:height, :width].reshape(height // 3, 3, width // 3, 3, 3).mean((1, 3)))
+
+
+COMMANDS = {"colour": colour, "derivatives": derivatives, "refinement": refinement, "scenes": scenes}
 if len(sys.argv) < 4 or sys.argv[1] not in COMMANDS:
     sys.exit(__doc__)
 COMMANDS[sys.argv[1]](*sys.argv[2:])
