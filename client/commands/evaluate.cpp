@@ -14,7 +14,9 @@
 #include "client/output.h"
 #include "client/panels.h"
 #include "client/progress.h"
+#include "client/training/augmentation.h"
 #include "client/training/evaluation.h"
+#include "client/training/shifts.h"
 #include "client/training/similarity_predictor.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
@@ -33,11 +35,17 @@ struct EvaluatedRow {
   std::vector<MaterialEstimate> estimates;  // empty for a baseline
 };
 
-// The levels of noise to evaluate a network at; 0 leaves images as they are. With --noise-levels,
-// it is evaluated at the level that it was trained at and at half of that, too.
-std::vector<double> noise_levels(const EvaluateOptions& options, const v1::Model& model) {
-  if (!options.noise_levels || model.noise() == 0) return {0};
-  return {model.noise(), model.noise() / 2, 0};
+// What the images of a row of the table are like; the first are as they are.
+std::vector<Shift> conditions(const EvaluateOptions& options, const v1::Model& model) {
+  std::vector<Shift> all(1);
+  if (options.noise_levels && model.noise() > 0) {
+    for (const double level : {model.noise(), model.noise() / 2}) {
+      all.push_back(
+          {.name = fmt::format("noise {:.2g} %", 100 * level), .change = noise_of_level(level)});
+    }
+  }
+  if (options.shifts) all.insert(all.end(), shifts().begin(), shifts().end());
+  return all;
 }
 
 // The candidate who has not looked at the images.
@@ -75,18 +83,25 @@ std::vector<EvaluatedRow> candidates_of(const EvaluateOptions& options,
   for (const std::string& checkpoint : options.checkpoints) {
     Predictor predictor = Predictor::load(find_model(checkpoint));
     warn_of_albedos_out_of_reach(images.truth, predictor.model().bounds(), predictor.name());
-    for (const double noise : noise_levels(options, predictor.model())) {
+    std::vector<MaterialEstimate> usual;
+    for (const Shift& condition : conditions(options, predictor.model())) {
       std::vector<MaterialEstimate> estimates =
-          estimate_all(predictor, images, noise, interruption());
+          estimate_all(predictor, images, condition.change, interruption());
+      const double noise = condition.change.noise().max();
       const std::string name =
-          predictor.name() + (noise > 0 ? fmt::format(", noise {:.2g} %", 100 * noise) : "");
+          predictor.name() + (condition.name.empty() ? "" : ", " + condition.name);
       if (options.one_material) {
         candidates.push_back(network_row(name + ", all images of an object", checkpoint, noise,
                                          predictor, combined(predictor, images, estimates),
                                          images));
       }
-      candidates.push_back(
-          network_row(name, checkpoint, noise, predictor, std::move(estimates), images));
+      candidates.push_back(network_row(name, checkpoint, noise, predictor, estimates, images));
+      v1::Evaluation::Row& row = candidates.back().row;
+      if (noise == 0) row.set_shift(condition.name);
+      if (usual.empty()) usual = std::move(estimates);
+      if (!row.shift().empty() && row.has_outlier_fraction()) {
+        row.set_outlier_area(outlier_area(usual, candidates.back().estimates));
+      }
     }
   }
   candidates.push_back(baseline("constant predictor", constant_predictions(images), images));
@@ -164,15 +179,30 @@ void print_details(const v1::Evaluation::Row& row) {
                100 * row.median_relative_sigma_t(), 100 * row.median_relative_sigma_s_reduced());
   if (row.has_log_likelihood()) {
     print_result(
-        "  mean log-likelihood of the truth {:.3f}; of the Gaussian of all truths {:.3f}\n",
-        row.log_likelihood(), row.constant_log_likelihood());
+        "  mean log-likelihood of the truth {:.3f}{}\n", row.log_likelihood(),
+        row.has_constant_log_likelihood()
+            ? fmt::format("; of the Gaussian of all truths {:.3f}", row.constant_log_likelihood())
+            : "");
   }
   if (row.has_joint_coverage()) {
     print_result("  in the 90 % region of all parameters together: {:.1f} % of the truths\n",
                  100 * row.joint_coverage());
   }
+  if (row.rank_tests_size() > 0) {
+    std::string tests;
+    for (const v1::Evaluation::RankTest& test : row.rank_tests()) {
+      tests +=
+          fmt::format("{}{} {:.2g}", tests.empty() ? "" : ", ", test.quantity(), test.p_value());
+    }
+    print_result("  p-values of the truth's ranks in the answers: {}\n", tests);
+  }
   if (row.has_outlier_fraction()) {
-    print_result("  outliers: {:.1f} % of the images\n", 100 * row.outlier_fraction());
+    print_result("  outliers: {:.1f} % of the images{}\n", 100 * row.outlier_fraction(),
+                 row.has_outlier_area()
+                     ? fmt::format("; told from those as they are with an area of {:.2f} under the "
+                                   "curve (.5: not at all)",
+                                   row.outlier_area())
+                     : "");
   }
   const bool intervals = row.has_coverage();
   print_result("  {:20}  {:>25}{}\n", "", "RMSE: sigma_t, albedo, g",

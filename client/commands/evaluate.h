@@ -21,6 +21,7 @@ struct EvaluateOptions {
   WorkerFlags workers;
   bool noise_levels = false;
   bool one_material = false;
+  bool shifts = false;
   bool json = false;
 };
 

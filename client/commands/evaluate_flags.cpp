@@ -41,6 +41,9 @@ void add_evaluate_command(CLI::App& app) {
       "--noise-levels", options->noise_levels,
       "Evaluate each network also with noise added up to the level that it was trained "
       "at (itn train --add-noise), and up to half of that");
+  command->add_flag("--shifts", options->shifts,
+                    "Evaluate each network also on images that differ as photographs do: in white "
+                    "balance, contrast, blur, what is clipped, and more");
   command->add_flag("--one-material", options->one_material,
                     "Evaluate each network also with what it says of all images of an object "
                     "together (itn dataset --views)");

@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 #include <google/protobuf/util/message_differencer.h>
+#include <spdlog/spdlog.h>
 
 #include "client/dataset/dataset.h"
 #include "client/dataset/dataset_config.h"
@@ -762,7 +763,11 @@ Answers ExperimentRunner::answers() {
         candidate(name, name == kTruth ? Candidate::Kind::kTruth : Candidate::Kind::kBaseline));
   }
   for (const v1::ExperimentNetwork& network : experiment_.networks()) {
-    if (!fs::exists(predictions_path(network.name()))) continue;
+    if (!fs::exists(predictions_path(network.name()))) {
+      spdlog::warn("{} is missing: the tables have no row of {}",
+                   predictions_path(network.name()).string(), network.name());
+      continue;
+    }
     answers.candidates.push_back(candidate(network.name(), Candidate::Kind::kNetwork));
   }
   return answers;
@@ -780,6 +785,18 @@ std::vector<Table> ExperimentRunner::write_tables(const Answers& answers) const 
                                        rerendering.novel_azimuth_degrees())));
   if (experiment_.has_refinement()) {
     tables.push_back(table_3(test, candidates, experiment_.refinement()));
+  }
+  std::vector<NetworkTraining> trainings;
+  for (const v1::ExperimentNetwork& network : experiment_.networks()) {
+    const auto start = start_of_.find(network.name());
+    trainings.push_back({.name = network.name(),
+                         .shared = start == start_of_.end()
+                                       ? std::nullopt
+                                       : find_cost(folder("shared") / start->second.file),
+                         .own = find_cost(network_folder(network))});
+  }
+  if (std::ranges::any_of(trainings, [](const NetworkTraining& t) { return t.own.has_value(); })) {
+    tables.push_back(training_table(trainings));
   }
   for (const Table& table : tables) {
     write_file_atomically(folder(table.file + ".csv"), to_csv(table));
@@ -820,7 +837,6 @@ ExperimentResult ExperimentRunner::write_result(const std::vector<v1::StageRecor
     const auto start = start_of_.find(network.name());
     report.networks.push_back(
         {.name = network.name(),
-         .cost = find_cost(network_folder(network)),
          .metrics = network_folder(network) / kMetricsName,
          .shared_metrics = start == start_of_.end()
                                ? fs::path()

@@ -68,7 +68,7 @@ v1::ExperimentPredictions::Estimates estimates_of(Predictor& predictor, DatasetR
                                                   std::stop_token stop) {
   v1::ExperimentPredictions::Estimates result;
   for (const MaterialEstimate& estimate :
-       estimate_all(predictor, images_of(dataset, v1::SPLIT_TEST), 0, std::move(stop))) {
+       estimate_all(predictor, images_of(dataset, v1::SPLIT_TEST), {}, stop)) {
     result.add_sigma_t(five_digits(estimate.material.sigma_t));
     result.add_albedo(five_digits(estimate.material.albedo));
     result.add_g(five_digits(estimate.material.g));
@@ -122,7 +122,8 @@ v1::NetworkCost train_network(v1::TrainingConfig config, DatasetReader& dataset,
   dataset_training.train(run.pool);
   // Killed between its last step and its end, it has told already.
   if (!clock.has_steps() && fs::exists(run.folder / kCostName)) return read_cost(run.folder);
-  const v1::NetworkCost cost = clock.has_steps() ? clock.cost(config.steps()) : v1::NetworkCost();
+  v1::NetworkCost cost = clock.has_steps() ? clock.cost(config.steps()) : v1::NetworkCost();
+  cost.set_kept_step(read_checkpoint(run.folder).training().best_step());
   write_file_atomically(run.folder / kCostName, to_text_proto(cost));
   return cost;
 }

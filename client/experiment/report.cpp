@@ -284,29 +284,13 @@ std::string calibration_section(const ExperimentReport& report) {
 // --- What it took ---
 
 std::string cost_section(const ExperimentReport& report) {
-  std::string text =
-      "Networks of one parameterization share their first steps, with the loss of an RN; then each "
-      "goes on by itself. Processor time is of these steps, renders included.\n\n" +
-      table_head({"", "shared steps", "own steps", "processor time", "by the clock"});
-  for (const ReportedNetwork& network : report.networks) {
-    std::vector<std::string> cells = {network.name,
-                                      fmt::format("{}", report.experiment.shared_steps())};
-    if (network.cost) {
-      cells.push_back(fmt::format("{}", network.cost->steps()));
-      cells.push_back(duration(network.cost->cpu_seconds()));
-      cells.push_back(duration(network.cost->seconds()));
-    } else {
-      cells.resize(cells.size() + 3, "?");
-    }
-    text += table_row(cells);
-  }
   std::vector<std::string> rates;
   for (const v1::RateChoice::Trial& trial : report.rate.trials()) {
     rates.push_back(
         fmt::format("{:g} ({})", trial.rate(),
                     trial.has_score() ? fmt::format("{:.3f}", trial.score()) : "diverged"));
   }
-  text += fmt::format("\nLearning rate: {:g}", report.rate.rate());
+  std::string text = fmt::format("Learning rate: {:g}", report.rate.rate());
   text += rates.empty() ? ".\n\n"
                         : fmt::format(", of these by their validation error: {}.\n\n",
                                       fmt::join(rates, ", "));

@@ -15,7 +15,6 @@ namespace itn {
 
 struct ReportedNetwork {
   std::string name;
-  std::optional<v1::NetworkCost> cost;
   std::filesystem::path metrics;         // metrics.jsonl of its run
   std::filesystem::path shared_metrics;  // and of the one that it goes on from; may be empty
   v1::ExperimentPredictions predictions;

@@ -250,6 +250,38 @@ Table gain_table(const TestSet& test, std::span<const Candidate> candidates) {
   return table;
 }
 
+Table training_table(std::span<const NetworkTraining> networks) {
+  Table table{.file = "training",
+              .title = "Training",
+              .caption =
+                  "Networks of one parameterization share their first steps, with the loss "
+                  "of an RN; then each goes on by itself, from the weights of the start "
+                  "that did best on the validation split, and is tested with its own best. "
+                  "Times are of its own steps, renders included.",
+              .columns = {{"shared steps", "", 0, false},
+                          {"best of them", "", 0, false},
+                          {"own steps", "", 0, false},
+                          {"best of these", "", 0, false},
+                          {"processor time", "s", 0, false},
+                          {"by the clock", "s", 0, false}},
+              .rows = {}};
+  const auto known = [](double value) {
+    return value > 0 ? std::optional(Cell{value, {}, {}}) : std::nullopt;
+  };
+  for (const NetworkTraining& network : networks) {
+    const v1::NetworkCost shared = network.shared.value_or(v1::NetworkCost());
+    const v1::NetworkCost own = network.own.value_or(v1::NetworkCost());
+    Row& row = table.rows.emplace_back(Row{.name = network.name, .cells = {}});
+    for (const double value :
+         {static_cast<double>(shared.steps()), static_cast<double>(shared.kept_step()),
+          static_cast<double>(own.steps()), static_cast<double>(own.kept_step()), own.cpu_seconds(),
+          own.seconds()}) {
+      row.cells.push_back(known(value));
+    }
+  }
+  return table;
+}
+
 Table thickness_table(const TestSet& test, std::span<const Candidate> candidates) {
   Table table{
       .file = "by_thickness",

@@ -90,6 +90,16 @@ Table table_2(const TestSet& test, std::span<const Candidate> candidates, const 
 Table table_3(const TestSet& test, std::span<const Candidate> candidates,
               const v1::AnalysisBySynthesis& settings);
 
+// How a network was trained: the start that it shares with others, if any, and what it did by
+// itself; absent where nobody knows.
+struct NetworkTraining {
+  std::string name;
+  std::optional<v1::NetworkCost> shared, own;
+};
+
+// Steps, which of them was kept, and what those by itself took.
+Table training_table(std::span<const NetworkTraining> networks);
+
 // Every row with the names of the columns before; intervals in columns of their own; empty where
 // there is nothing (RFC 4180).
 std::string to_csv(const Table& table);

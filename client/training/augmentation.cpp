@@ -137,11 +137,15 @@ ImageBatch augmented(const ImageBatch& images, const v1::Augmentation& augmentat
   return result;
 }
 
-ImageBatch with_noise(const ImageBatch& images, double level, uint64_t seed) {
+v1::Augmentation noise_of_level(double level) {
   v1::Augmentation augmentation;
   augmentation.mutable_noise()->set_min(level);
   augmentation.mutable_noise()->set_max(level);
-  return augmented(images, augmentation, seed);
+  return augmentation;
+}
+
+ImageBatch with_noise(const ImageBatch& images, double level, uint64_t seed) {
+  return augmented(images, noise_of_level(level), seed);
 }
 
 }  // namespace itn

@@ -23,7 +23,8 @@ void validate(const v1::Augmentation& augmentation);
 // network cannot learn it. An image that is noisier than the level stays as it is.
 ImageBatch augmented(const ImageBatch& images, const v1::Augmentation& augmentation, uint64_t seed);
 
-// Noise alone, and the same level for all.
+// Noise alone, and the same level for all; 0: none.
+v1::Augmentation noise_of_level(double level);
 ImageBatch with_noise(const ImageBatch& images, double level, uint64_t seed);
 
 }  // namespace itn

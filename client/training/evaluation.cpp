@@ -4,6 +4,10 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
+#include <set>
+#include <utility>
+
+#include <fmt/format.h>
 
 #include "client/dataset/sampler.h"
 #include "client/image/ms_ssim.h"
@@ -12,6 +16,7 @@
 #include "client/training/augmentation.h"
 #include "client/training/noise_map.h"
 #include "client/training/shape_bootstrap.h"
+#include "client/training/uniformity.h"
 #include "common/error.h"
 #include "common/random.h"
 
@@ -243,8 +248,9 @@ ImageBatch seen(const Predictor& predictor, const LabelledImages& images, size_t
 
 }  // namespace
 
-std::vector<MaterialEstimate> estimate_all(Predictor& predictor, const LabelledImages& images,
-                                           double noise, std::stop_token stop) {
+std::vector<MaterialEstimate> estimate_all(const Predictor& predictor, const LabelledImages& images,
+                                           const v1::Augmentation& change,
+                                           const std::stop_token& stop) {
   std::vector<MaterialEstimate> estimates;
   for (size_t first = 0; first < images.items.size(); first += kBatch) {
     if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
@@ -252,8 +258,7 @@ std::vector<MaterialEstimate> estimate_all(Predictor& predictor, const LabelledI
     for (size_t i = first; i < std::min(first + kBatch, images.items.size()); ++i) {
       batch.push_back(seen(predictor, images, i));
     }
-    ImageBatch all = concatenated(batch);
-    if (noise > 0) all = with_noise(std::move(all), noise, derive_seed(0, {first}));
+    const ImageBatch all = augmented(concatenated(batch), change, derive_seed(0, {first}));
     for (MaterialEstimate& estimate : predictor.estimate(all)) {
       estimates.push_back(std::move(estimate));
     }
@@ -354,6 +359,23 @@ void set_details(std::span<const MaterialEstimate> estimates, const LabelledImag
   }
 }
 
+namespace {
+
+// In the order of an answer's coordinates.
+std::vector<std::string> names_of_coordinates(size_t channels) {
+  std::vector<std::string> names;
+  for (const char* quantity : {"reduced sigma_t", "reduced albedo"}) {
+    for (size_t c = 0; c < channels; ++c) {
+      names.push_back(channels > 1 ? fmt::format("{} of {}", quantity, kColourChannels.at(c))
+                                   : quantity);
+    }
+  }
+  names.emplace_back("g");
+  return names;
+}
+
+}  // namespace
+
 void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate> estimates,
                     const LabelledImages& images, v1::Evaluation::Row& row) {
   if (predictor.model().output() != v1::GAUSSIAN || predictor.channels() != images.channels) return;
@@ -362,23 +384,39 @@ void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate
   constexpr double kRegion = 0.9;
   double sum = 0;
   uint32_t inside = 0;
+  std::set<std::string> shapes;
+  std::vector<std::vector<double>> ranks(static_cast<size_t>(n) + 1);  // of one image of each shape
   torch::Tensor truths = torch::empty({count, n}, torch::kFloat64);
   for (int64_t i = 0; i < count; ++i) {
     const auto item = static_cast<size_t>(i);
     const std::span<const Material> truth = images.truth_of(item);
     const MaterialEstimate& estimate = estimates[item * images.channels];
     sum += predictor.log_likelihood(estimate, truth);
-    inside += predictor.region_probability(estimate, truth) <= kRegion ? 1 : 0;
+    const double region = predictor.region_probability(estimate, truth);
+    inside += region <= kRegion ? 1 : 0;
+    if (shapes.insert(images.items[item]->shape()).second) {
+      std::vector<double> of_image = predictor.marginal_probability(estimate, truth);
+      of_image.push_back(region);
+      for (size_t k = 0; k < ranks.size(); ++k) ranks[k].push_back(of_image[k]);
+    }
     std::ranges::copy(predictor.standardized(truth), truths[i].data_ptr<double>());
   }
   row.set_log_likelihood(sum / static_cast<double>(count));
   row.set_joint_coverage(static_cast<double>(inside) / static_cast<double>(count));
+  const std::vector<std::string> names = names_of_coordinates(images.channels);
+  for (size_t k = 0; k < ranks.size(); ++k) {
+    v1::Evaluation::RankTest& test = *row.add_rank_tests();
+    test.set_quantity(k < names.size() ? names[k] : "all together");
+    test.set_p_value(uniformity_p_value(std::move(ranks[k])));
+  }
   // The mean log-density of points under the Gaussian that fits them best.
   const torch::Tensor d = truths - truths.mean(0);
   const torch::Tensor covariance = d.t().matmul(d) / static_cast<double>(count);
   const auto dimensions = static_cast<double>(n);
-  row.set_constant_log_likelihood(-0.5 * (dimensions * (std::log(2 * std::numbers::pi) + 1) +
-                                          torch::linalg_det(covariance).log().item<double>()));
+  const double log_determinant = torch::linalg_det(covariance).log().item<double>();
+  if (!std::isfinite(log_determinant)) return;  // all media are gray, or of one g
+  row.set_constant_log_likelihood(
+      -0.5 * (dimensions * (std::log(2 * std::numbers::pi) + 1) + log_determinant));
 }
 
 void set_outlier_fraction(std::span<const MaterialEstimate> estimates, v1::Evaluation::Row& row) {
@@ -386,6 +424,19 @@ void set_outlier_fraction(std::span<const MaterialEstimate> estimates, v1::Evalu
   const auto count = std::ranges::count_if(
       estimates, [](const MaterialEstimate& e) { return e.outlier->is_outlier; });
   row.set_outlier_fraction(static_cast<double>(count) / static_cast<double>(estimates.size()));
+}
+
+double outlier_area(std::span<const MaterialEstimate> usual,
+                    std::span<const MaterialEstimate> others) {
+  std::vector<double> scores;
+  for (const MaterialEstimate& estimate : usual) scores.push_back(estimate.outlier->score);
+  std::ranges::sort(scores);
+  double higher = 0;
+  for (const MaterialEstimate& estimate : others) {
+    const auto [first, last] = std::ranges::equal_range(scores, estimate.outlier->score);
+    higher += static_cast<double>(first - scores.begin()) + 0.5 * static_cast<double>(last - first);
+  }
+  return higher / (static_cast<double>(scores.size()) * static_cast<double>(others.size()));
 }
 
 std::vector<uint32_t> spread(size_t count, size_t total) {

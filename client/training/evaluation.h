@@ -14,10 +14,11 @@
 
 namespace itn {
 
-// One estimate for each channel of each image, whose relative noise is brought up to `noise` first
-// (0: as they are), by the same random numbers each time. Some images are in memory at a time.
-std::vector<MaterialEstimate> estimate_all(Predictor& predictor, const LabelledImages& images,
-                                           double noise, std::stop_token stop = {});
+// One estimate for each channel of each image, which is changed first, by the same random numbers
+// each time. Some images are in memory at a time.
+std::vector<MaterialEstimate> estimate_all(const Predictor& predictor, const LabelledImages& images,
+                                           const v1::Augmentation& change = {},
+                                           const std::stop_token& stop = {});
 
 // For each channel of each image, what the answers to all images of its object say together. Those
 // of an object come one after the other (DatasetConfig.views). Throws Error (invalid input) if each
@@ -45,13 +46,19 @@ MaterialCoordinates relative_errors(std::span<const Material> predictions,
 void set_details(std::span<const MaterialEstimate> estimates, const LabelledImages& images,
                  v1::Evaluation::Row& row);
 
-// Sets the log-likelihoods of the row and its joint coverage, for a predictor that answers
-// distributions about such images.
+// Sets the log-likelihoods of the row, its joint coverage and its tests of ranks, for a predictor
+// that answers distributions about such images.
 void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate> estimates,
                     const LabelledImages& images, v1::Evaluation::Row& row);
 
 // Sets the part of the images that are outliers to the model, if it knows.
 void set_outlier_fraction(std::span<const MaterialEstimate> estimates, v1::Evaluation::Row& row);
+
+// How well the model's outlier scores tell images from others: the probability that one of the
+// second has a higher score than one of the first, equal ones counting half (the area under the
+// curve of hits by false alarms). Requires that all have scores.
+double outlier_area(std::span<const MaterialEstimate> usual,
+                    std::span<const MaterialEstimate> others);
 
 // The numbers of `count` of the images, rising, one from each of as many equal stretches of the
 // split, at random, as a fixed stride would meet the same material of a grid again and again. A

@@ -181,6 +181,18 @@ torch::Tensor region_probability(const torch::Tensor& outputs, const torch::Tens
                               0.5 * squares);
 }
 
+torch::Tensor marginal_probability(const torch::Tensor& outputs, const torch::Tensor& targets) {
+  torch::Tensor result = torch::empty_like(targets);
+  for (int64_t i = 0; i < targets.size(0); ++i) {
+    const torch::Tensor row = outputs[i].to(torch::kFloat64).contiguous();
+    const Gaussian gaussian =
+        to_gaussian({row.data_ptr<double>(), static_cast<size_t>(row.size(0))});
+    const torch::Tensor deviation = at::linalg_inv(gaussian.precision).diagonal().sqrt();
+    result[i].copy_(at::special_ndtr((targets[i] - gaussian.mean) / deviation));
+  }
+  return result;
+}
+
 torch::Tensor calibrated(const torch::Tensor& outputs, const torch::Tensor& widths) {
   const int64_t n = widths.size(1);
   const torch::Tensor precisions =

@@ -40,6 +40,10 @@ torch::Tensor negative_log_likelihood(const torch::Tensor& outputs, const torch:
 // Gaussians.
 torch::Tensor region_probability(const torch::Tensor& outputs, const torch::Tensor& targets);
 
+// The probability of a value below the target, of each coordinate by itself: batch x n -> batch x
+// n. As uniform as above.
+torch::Tensor marginal_probability(const torch::Tensor& outputs, const torch::Tensor& targets);
+
 // The outputs with other widths, log-precision l_k + offset_k + slope_k m_0. `widths`: 2 x n,
 // offsets and slopes, in which the result can be differentiated.
 torch::Tensor calibrated(const torch::Tensor& outputs, const torch::Tensor& widths);

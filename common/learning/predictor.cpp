@@ -408,6 +408,13 @@ double Predictor::region_probability(const MaterialEstimate& estimate,
       .item<double>();
 }
 
+std::vector<double> Predictor::marginal_probability(const MaterialEstimate& estimate,
+                                                    std::span<const Material> truth) const {
+  const torch::Tensor row =
+      itn::marginal_probability(row_of(estimate.outputs), row_of(standardized(truth)));
+  return {row.data_ptr<double>(), row.data_ptr<double>() + row.numel()};
+}
+
 std::string name(const v1::ModelVersion& version) {
   return fmt::format("{}{}{}, step {}", version.name(), version.version().empty() ? "" : " ",
                      version.version(), version.step());

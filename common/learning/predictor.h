@@ -134,6 +134,10 @@ class Predictor {
   double region_probability(const MaterialEstimate& estimate,
                             std::span<const Material> truth) const;
 
+  // Likewise marginal_probability(), by coordinate.
+  std::vector<double> marginal_probability(const MaterialEstimate& estimate,
+                                           std::span<const Material> truth) const;
+
   // The materials of an image's channels in the coordinates in which the network answers.
   std::vector<double> standardized(std::span<const Material> channels) const {
     return space_.standardized(channels);

@@ -34,6 +34,8 @@ def tables_again(results, folder):
 
 def number(text):
     value = float(text)
+    if value == int(value) and abs(value) >= 100:  # a count
+        return f"{value:.0f}"
     digits = 1 if abs(value) >= 10 else 2 if abs(value) >= 2 else 3
     return re.sub(r"^(-?)0\.", r"\1.", f"{value:.{digits}f}")
 

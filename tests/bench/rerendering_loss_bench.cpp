@@ -13,6 +13,7 @@
 
 #include "client/dataset/dataset.h"
 #include "client/render_pool/render_pool.h"
+#include "client/training/augmentation.h"
 #include "client/training/evaluation.h"
 #include "client/training/loss.h"
 #include "client/training/rerendering_loss.h"
@@ -93,7 +94,7 @@ class Bench {
 
   void answer() {
     const std::vector<MaterialEstimate> estimates =
-        estimate_all(predictor_, images_, predictor_.model().noise());
+        estimate_all(predictor_, images_, noise_of_level(predictor_.model().noise()));
     for (size_t i = 0; i < images_.items.size(); ++i) {
       Answer a;
       std::copy_n(estimates[i].outputs.begin(), 3, a.output.begin());

@@ -117,6 +117,8 @@ TEST(ExperimentCommand, KilledAndContinuedGivesTheSameTables) {
   };
   EXPECT_THAT(table_3("whole"), HasSubstr("ITN+similar+map,no,"));
   EXPECT_EQ(table_3("parts"), table_3("whole"));
+  EXPECT_THAT(content(folder.path("whole/training.csv")),
+              AllOf(StartsWith("name"), HasSubstr("shared steps"), HasSubstr("\nRN+naive,")));
   const std::string page = content(folder.path("whole/report.md"));
   EXPECT_THAT(page, HasSubstr("| ITN+similar+map | "));
   for (const char* picture : {"scenes", "colours", "novel", "refinement", "training"}) {
@@ -150,8 +152,9 @@ TEST(ExperimentCommand, KilledAndContinuedGivesTheSameTables) {
   EXPECT_THAT(lines_of(kept.errors), Each(HasSubstr("done before")));
   // A network that is asked once more takes its dataset and its weights again.
   fs::remove(results + "/answers/itn_naive.textproto");
-  EXPECT_THAT(run({testing::kItn, "experiment", "--tables", "-o", results}).output,
-              Not(HasSubstr("ITN+naive")));
+  const Finished without = run({testing::kItn, "experiment", "--tables", "-o", results});
+  EXPECT_THAT(without.output, Not(HasSubstr("ITN+naive")));
+  EXPECT_THAT(without.errors, HasSubstr("itn_naive.textproto is missing: the tables have no row"));
   const Finished again_asked = run(smoke(results));
   // Table 3 has times of refinements, which were made again.
   const std::string but_for_table_3 = tables.output.substr(0, tables.output.find("\nTable 3"));

@@ -77,8 +77,6 @@ class ReportTest : public SmallExperiment {
   ReportedNetwork& add_network(const std::string& name, const std::string& metrics) {
     ReportedNetwork network;
     network.name = name;
-    network.cost.emplace().set_steps(5);
-    network.cost->set_cpu_seconds(2.5);
     network.metrics = files_->write(file_name_of(name) + ".jsonl", metrics);
     return networks_.emplace_back(network);
   }
@@ -188,7 +186,6 @@ TEST_F(ReportTest, SaysWhatItTook) {
   stage.set_cpu_seconds(3.25);
   const std::string text = page();
   EXPECT_THAT(text, HasSubstr("0.5 (diverged)"));
-  EXPECT_THAT(text, HasSubstr("| 5 | 2.5 s |"));
   EXPECT_THAT(text, HasSubstr("| 1:30 | 3.2 s |"));
   EXPECT_THAT(text, HasSubstr("shared_steps: 10"));  // the experiment file
 }

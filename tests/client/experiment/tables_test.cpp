@@ -150,6 +150,29 @@ TEST(Table3, HasErrorsByIteration) {
   EXPECT_NEAR(value(table, "A", "Adam"), 2, 1e-9);
 }
 
+// What nobody knows has no cell: a network that is not trained, and one that shares no start.
+TEST(TrainingTable, SaysWhichStepsWereKept) {
+  v1::NetworkCost shared, own;
+  shared.set_steps(1200);
+  shared.set_kept_step(200);
+  own.set_steps(600);
+  own.set_kept_step(400);
+  own.set_cpu_seconds(12.5);
+  own.set_seconds(8);
+  const std::vector<NetworkTraining> networks{
+      {"a", shared, own}, {"b", std::nullopt, own}, {"c", shared, std::nullopt}};
+  EXPECT_EQ(to_csv(training_table(networks)).substr(0, 20), "name,published,share");
+  const Table table = training_table(networks);
+  const auto values = [&](size_t row) {
+    std::vector<double> numbers;
+    for (const auto& cell : table.rows[row].cells) numbers.push_back(cell ? cell->value : -1);
+    return numbers;
+  };
+  EXPECT_EQ(values(0), (std::vector<double>{1200, 200, 600, 400, 12.5, 8}));
+  EXPECT_EQ(values(1), (std::vector<double>{-1, -1, 600, 400, 12.5, 8}));
+  EXPECT_EQ(values(2), (std::vector<double>{1200, 200, -1, -1, -1, -1}));
+}
+
 TEST(Csv, QuotesWhatHasCommasAndLeavesOutWhatIsNot) {
   const Table table{
       .file = "t",

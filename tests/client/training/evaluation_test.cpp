@@ -10,6 +10,8 @@
 #include "client/dataset/dataset_config.h"
 #include "client/dataset/dataset_render.h"
 #include "client/dataset/plan.h"
+#include "client/training/augmentation.h"
+#include "client/training/shifts.h"
 #include "common/error.h"
 #include "common/geometry/shapes.h"
 #include "common/learning/combination.h"
@@ -179,6 +181,67 @@ TEST(Evaluation, DetailsAreThoseOfEstimatesThatAreKnown) {
   }
   std::ranges::sort(errors);
   EXPECT_NEAR(row.median_relative_sigma_t(), errors[44], 1e-12);
+}
+
+// Truths that come from the answers' distributions, and answers that are twice as sure as that.
+TEST(Evaluation, RanksTellAnswersThatAreTooSure) {
+  const v1::Model model = residual_model();
+  const Predictor predictor(model);
+  const OutputSpace space(model);
+  std::vector<v1::DatasetItem> items(300);
+  LabelledImages images;
+  torch::manual_seed(5);
+  const torch::Tensor z = 0.25 * torch::randn({300, 3}, torch::kFloat64);
+  for (int64_t i = 0; i < 300; ++i) {
+    v1::DatasetItem& item = items[static_cast<size_t>(i)];
+    item.set_shape(std::to_string(i));
+    images.items.push_back(&item);
+    images.truth.push_back(
+        space.material({z[i][0].item<double>(), z[i][1].item<double>(), z[i][2].item<double>()}));
+  }
+  const auto row_with = [&](double deviation) {
+    MaterialEstimate estimate;
+    const double l = -std::log(deviation);
+    estimate.outputs = {0, 0, 0, l, l, l, 0, 0, 0};
+    v1::Evaluation::Row row;
+    set_likelihood(predictor, std::vector(300, estimate), images, row);
+    return row;
+  };
+  const v1::Evaluation::Row right = row_with(0.25), sure = row_with(0.125);
+  ASSERT_EQ(right.rank_tests_size(), 4);
+  EXPECT_EQ(right.rank_tests(0).quantity(), "reduced sigma_t");
+  EXPECT_EQ(right.rank_tests(3).quantity(), "all together");
+  for (const v1::Evaluation::RankTest& test : right.rank_tests()) EXPECT_GT(test.p_value(), 1e-3);
+  for (const v1::Evaluation::RankTest& test : sure.rank_tests()) EXPECT_LT(test.p_value(), 1e-5);
+  EXPECT_NEAR(right.joint_coverage(), 0.9, 0.06);
+}
+
+TEST(Evaluation, TheOutlierAreaIsThePartOfPairsInOrder) {
+  const auto with_scores = [](const std::vector<double>& scores) {
+    std::vector<MaterialEstimate> estimates;
+    for (const double score : scores) estimates.emplace_back().outlier.emplace().score = score;
+    return estimates;
+  };
+  const std::vector<MaterialEstimate> usual = with_scores({1, 2, 3, 4});
+  EXPECT_EQ(outlier_area(usual, usual), 0.5);
+  EXPECT_EQ(outlier_area(usual, with_scores({5, 6})), 1);
+  EXPECT_EQ(outlier_area(usual, with_scores({0})), 0);
+  EXPECT_EQ(outlier_area(usual, with_scores({3.5, 0, 4})), (3 + 0 + 3.5) / 12);
+}
+
+TEST(Evaluation, EveryShiftChangesImages) {
+  ImageBatch images;
+  images.channels = 3;
+  torch::manual_seed(1);
+  images.luminance = 0.5 + torch::rand({6, 32, 32});
+  images.mask = torch::zeros({6, 32, 32});
+  images.mask.slice(1, 8, 24).slice(2, 8, 24).fill_(1);
+  images.noise = torch::zeros({6, 32, 32});
+  for (const Shift& shift : shifts()) {
+    EXPECT_NO_THROW(validate(shift.change)) << shift.name;
+    const ImageBatch changed = augmented(images, shift.change, 1);
+    EXPECT_FALSE(changed.luminance.equal(images.luminance)) << shift.name;
+  }
 }
 
 // Of two objects of the same shape the first has two images, and the other one.

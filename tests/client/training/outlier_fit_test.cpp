@@ -190,7 +190,8 @@ TEST_F(OutlierFit, ACompleteModelKnowsItsWidthsToo) {
   const auto likelihood = [&](const v1::Model& model) {
     Predictor predictor(model);
     v1::Evaluation::Row row;
-    set_likelihood(predictor, estimate_all(predictor, world_->validation, model.noise()),
+    set_likelihood(predictor,
+                   estimate_all(predictor, world_->validation, noise_of_level(model.noise())),
                    world_->validation, row);
     return row.log_likelihood();
   };

@@ -171,6 +171,21 @@ TEST(Gaussian, NinetyPercentIntervalsHoldNinetyPercent) {
   }
 }
 
+// A Gaussian with the mean (1, 0) and the covariance ((4, 1.2), (1.2, 1)), seen from its own
+// margins.
+TEST(Gaussian, MarginalProbabilityIsThatOfEachCoordinateAlone) {
+  const torch::Tensor covariance =
+      torch::tensor({{4.0, 1.2, 0.0}, {1.2, 1.0, 0.0}, {0.0, 0.0, 0.25}}, torch::kFloat64);
+  const torch::Tensor mean = torch::tensor({1.0, 0.0, -1.0}, torch::kFloat64);
+  const std::vector<double> outputs = to_outputs({mean, at::linalg_inv(covariance)});
+  const torch::Tensor row = torch::tensor(outputs, torch::kFloat64).unsqueeze(0);
+  const torch::Tensor target = torch::tensor({{3.0, -1.0, -1.0}}, torch::kFloat64);
+  const torch::Tensor p = marginal_probability(row, target);
+  EXPECT_NEAR(p[0][0].item<double>(), 0.8413447, 1e-6);
+  EXPECT_NEAR(p[0][1].item<double>(), 0.1586553, 1e-6);
+  EXPECT_NEAR(p[0][2].item<double>(), 0.5, 1e-6);
+}
+
 TEST(Gaussian, PosteriorIsTheSameEveryTimeAndStaysInsideTheBounds) {
   const v1::Model model = residual_model();
   const AnswerSpace space(model);
