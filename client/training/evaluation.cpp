@@ -414,7 +414,8 @@ void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate
   const torch::Tensor covariance = d.t().matmul(d) / static_cast<double>(count);
   const auto dimensions = static_cast<double>(n);
   const double log_determinant = torch::linalg_det(covariance).log().item<double>();
-  if (!std::isfinite(log_determinant)) return;  // all media are gray, or of one g
+  // All media are gray, or of one g, or they are so few that a Gaussian goes through all.
+  if (count <= n || !std::isfinite(log_determinant)) return;
   row.set_constant_log_likelihood(
       -0.5 * (dimensions * (std::log(2 * std::numbers::pi) + 1) + log_determinant));
 }

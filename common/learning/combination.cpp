@@ -14,8 +14,11 @@ Gaussian stored_prior(const v1::Model& model) {
   constexpr double kRounding = 1e-6;
   const int n = model.mean_size();
   if (model.correlation_size() != n * n) {
-    throw invalid_input(fmt::format("model.correlation has {} numbers; {} coordinates have {}",
-                                    model.correlation_size(), n, n * n));
+    throw invalid_input(fmt::format(
+        "the model does not say how its training materials were spread, so that answers for "
+        "several images cannot be combined: model.correlation has {} numbers; {} coordinates "
+        "have {}",
+        model.correlation_size(), n, n * n));
   }
   const torch::Tensor correlation =
       torch::tensor(c10::ArrayRef<double>(model.correlation().data(), static_cast<size_t>(n * n)),

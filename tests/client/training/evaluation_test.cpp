@@ -199,12 +199,12 @@ TEST(Evaluation, RanksTellAnswersThatAreTooSure) {
     images.truth.push_back(
         space.material({z[i][0].item<double>(), z[i][1].item<double>(), z[i][2].item<double>()}));
   }
-  const auto row_with = [&](double deviation) {
+  const auto row_with = [&](double deviation, size_t count = 300) {
     MaterialEstimate estimate;
     const double l = -std::log(deviation);
     estimate.outputs = {0, 0, 0, l, l, l, 0, 0, 0};
     v1::Evaluation::Row row;
-    set_likelihood(predictor, std::vector(300, estimate), images, row);
+    set_likelihood(predictor, std::vector(count, estimate), images, row);
     return row;
   };
   const v1::Evaluation::Row right = row_with(0.25), sure = row_with(0.125);
@@ -214,6 +214,10 @@ TEST(Evaluation, RanksTellAnswersThatAreTooSure) {
   for (const v1::Evaluation::RankTest& test : right.rank_tests()) EXPECT_GT(test.p_value(), 1e-3);
   for (const v1::Evaluation::RankTest& test : sure.rank_tests()) EXPECT_LT(test.p_value(), 1e-5);
   EXPECT_NEAR(right.joint_coverage(), 0.9, 0.06);
+  EXPECT_TRUE(right.has_constant_log_likelihood());
+  images.items.resize(3);  // a Gaussian over three coordinates goes through three points
+  images.truth.resize(3);
+  EXPECT_FALSE(row_with(0.25, 3).has_constant_log_likelihood());
 }
 
 TEST(Evaluation, TheOutlierAreaIsThePartOfPairsInOrder) {
