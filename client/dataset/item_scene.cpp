@@ -15,7 +15,6 @@
 #include "client/image/spectrum.h"
 #include "common/angle.h"
 #include "common/error.h"
-#include "common/luminance.h"
 #include "common/scene/field_check.h"
 #include "common/scene/material_proto.h"
 #include "common/vec.h"
@@ -128,9 +127,7 @@ Colour colour_of_room(const Light& light) {
   Colour colour = colour_of_black_body(light.ambient_temperature());
   const Colour lamp = colour_of_black_body(light.temperature());
   for (size_t c = 0; c < 3; ++c) colour[c] /= lamp[c];
-  const double sum = luminance(colour);
-  for (double& value : colour) value /= sum;
-  return colour;
+  return with_unit_luminance(colour);
 }
 
 // Light from everywhere, `ambient` of what brings the light's irradiance.
@@ -143,9 +140,10 @@ void add_room(v1::Scene& scene, const Light& light) {
     return;
   }
   constexpr uint32_t kWidth = 4, kHeight = 2;
+  const Colour colour = colour_of_room(light);
   std::vector<float> rgb;
   for (uint32_t i = 0; i < kWidth * kHeight; ++i) {
-    for (const double c : colour_of_room(light)) rgb.push_back(static_cast<float>(c * radiance));
+    for (const double c : colour) rgb.push_back(static_cast<float>(c * radiance));
   }
   *scene.add_lights()->mutable_environment_map()->mutable_pixels() =
       panorama_of(kWidth, kHeight, rgb);

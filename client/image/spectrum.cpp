@@ -51,6 +51,12 @@ std::array<double, 3> colour_of_spectrum(const std::map<double, double>& spectru
   return seen;
 }
 
+std::array<double, 3> with_unit_luminance(std::array<double, 3> colour) {
+  const double sum = luminance(colour);
+  for (double& value : colour) value /= sum;
+  return colour;
+}
+
 std::array<double, 3> colour_of_black_body(double kelvin) {
   if (kelvin == 0) return {1, 1, 1};
   constexpr double kSecondRadiation = 1.438776877e7;  // h c / k in nm K (CODATA 2018)
@@ -60,10 +66,7 @@ std::array<double, 3> colour_of_black_body(double kelvin) {
   };
   std::map<double, double> spectrum;
   for (double nm = 380; nm <= 720; nm += 5) spectrum[nm] = planck(nm) / planck(kMiddle);
-  std::array<double, 3> colour = colour_of_spectrum(spectrum);
-  const double sum = luminance(colour);
-  for (double& value : colour) value /= sum;
-  return colour;
+  return with_unit_luminance(colour_of_spectrum(spectrum));
 }
 
 }  // namespace itn

@@ -14,6 +14,9 @@ namespace itn {
 // analytic approximations to the CIE XYZ color matching functions", JCGT 2013.
 std::array<double, 3> colour_of_spectrum(const std::map<double, double>& spectrum);
 
+// The colour as bright as gray of 1: over its luminance.
+std::array<double, 3> with_unit_luminance(std::array<double, 3> colour);
+
 inline constexpr double kMinTemperature = 2000, kMaxTemperature = 40000;  // K
 
 // The colour of a black body's light, as above but of luminance 1. 0 K stands for gray, which light
