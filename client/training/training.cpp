@@ -11,6 +11,7 @@
 #include "client/training/camera_augmentation.h"
 #include "client/training/first_order_augmentation.h"
 #include "client/training/learning_rate.h"
+#include "client/training/shuffled_colours.h"
 #include "common/error.h"
 #include "common/random.h"
 
@@ -18,7 +19,14 @@ namespace itn {
 namespace {
 
 // Branches of the tree of random choices below a run's seed.
-enum TrainingChoice : uint64_t { kInitialWeights, kOrder, kRenders, kAugmentation, kMaterialSteps };
+enum TrainingChoice : uint64_t {
+  kInitialWeights,
+  kOrder,
+  kRenders,
+  kAugmentation,
+  kMaterialSteps,
+  kColourOrders
+};
 
 // The two terms are balanced over the first steps and then left alone: from there on the loss that
 // is minimised is one and the same.
@@ -142,10 +150,16 @@ std::unique_ptr<Batches> batches_of(const v1::TrainingConfig& config, const Labe
   std::unique_ptr<Batches> batches =
       std::make_unique<DatasetBatches>(images, inputs, derive_seed(config.seed(), {kOrder}),
                                        config.loss() == v1::TrainingConfig::RN);
-  if (!has_first_order_augmentation(config)) return batches;
-  return std::make_unique<FirstOrderAugmentation>(
-      std::move(batches), *inputs.derivatives(), model.bounds(),
-      config.augmentation().first_order_step(), derive_seed(config.seed(), {kMaterialSteps}));
+  if (has_first_order_augmentation(config)) {
+    batches = std::make_unique<FirstOrderAugmentation>(
+        std::move(batches), *inputs.derivatives(), model.bounds(),
+        config.augmentation().first_order_step(), derive_seed(config.seed(), {kMaterialSteps}));
+  }
+  if (config.augmentation().shuffle_colours()) {
+    batches = std::make_unique<ShuffledColours>(std::move(batches),
+                                                derive_seed(config.seed(), {kColourOrders}));
+  }
+  return batches;
 }
 
 const v1::TrainingConfig& validated(const v1::TrainingConfig& config) {
@@ -181,6 +195,8 @@ void validate(const v1::TrainingConfig& config) {
   validate(config.augmentation());
   require(!has_first_order_augmentation(config) || config.loss() == v1::TrainingConfig::RN,
           "augmentation.first_order_step changes what images are of: it takes the loss RN");
+  require(!config.augmentation().shuffle_colours() || config.loss() == v1::TrainingConfig::RN,
+          "augmentation.shuffle_colours changes what images are of: it takes the loss RN");
   require(!has_first_order_augmentation(config) || !needs_weight_map(config.input()),
           "augmentation.first_order_step changes the luminance, from which the input "
           "LUMINANCE_AND_WEIGHT has a weight map: it takes the input RATIOS");

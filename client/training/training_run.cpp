@@ -204,6 +204,7 @@ v1::TrainingConfig without_zeros(v1::TrainingConfig config) {
   if (augmentation.exposure() == 0) augmentation.clear_exposure();
   if (!changes_images(augmentation.camera())) augmentation.clear_camera();
   if (augmentation.first_order_step() == 0) augmentation.clear_first_order_step();
+  if (!augmentation.shuffle_colours()) augmentation.clear_shuffle_colours();
   if (config.warmup_steps() == 0) config.clear_warmup_steps();
   if (config.weight_decay() == 0) config.clear_weight_decay();
   if (config.max_gradient_norm() == 0) config.clear_max_gradient_norm();
