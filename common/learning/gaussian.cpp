@@ -83,8 +83,13 @@ void to_coordinates(const Outputs& outputs, std::span<const double> z, std::span
 
 // --- What they say ---
 
-// Values at the points, by parameter.
-using Samples = std::array<std::vector<double>, 3>;
+// Values at the points, by number.
+using Samples = std::array<std::vector<double>, kPosteriorNumbers>;
+
+std::array<double, kPosteriorNumbers> numbers_of(const Material& m) {
+  return {m.sigma_t,         m.albedo,           m.g, m.sigma_a(), m.sigma_s(), m.sigma_s_reduced(),
+          diffuse_albedo(m), diffusion_length(m)};
+}
 
 double mean_of(const std::vector<double>& values) {
   return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
@@ -107,28 +112,58 @@ double quantile(std::vector<double> values, double probability) {
   return std::lerp(low, high, place - static_cast<double>(below));
 }
 
-ParameterPosterior describe(const std::vector<double>& samples) {
+ParameterPosterior describe(const std::vector<double>& samples, double level) {
+  // Where quantiles lie between two of the samples.
+  constexpr double kHighestLevel = 1 - 2.0 / static_cast<double>(kPoints);
+  const double tail = (1 - std::min(level, kHighestLevel)) / 2;
   ParameterPosterior result;
   result.mean = mean_of(samples);
   result.standard_deviation = std::sqrt(covariance(samples, result.mean, samples, result.mean));
   result.median = quantile(samples, 0.5);
-  result.low = quantile(samples, 0.05);
-  result.high = quantile(samples, 0.95);
+  result.low = quantile(samples, tail);
+  result.high = quantile(samples, 1 - tail);
   return result;
 }
 
-JointPosterior describe(const Samples& samples) {
+// Three numbers of them.
+JointPosterior describe(const Samples& samples, const IntervalLevels& levels, size_t first) {
   JointPosterior result;
-  for (size_t i = 0; i < 3; ++i) result.parameters[i] = describe(samples[i]);
+  for (size_t i = 0; i < 3; ++i) {
+    result.parameters[i] = describe(samples[first + i], levels[first + i]);
+  }
   constexpr std::array<std::array<size_t, 2>, 3> kPairs{{{0, 1}, {0, 2}, {1, 2}}};
   for (size_t pair = 0; pair < 3; ++pair) {
     const auto [i, j] = kPairs[pair];
     const ParameterPosterior &a = result.parameters[i], &b = result.parameters[j];
     const double scale = a.standard_deviation * b.standard_deviation;
     result.correlations[pair] =
-        scale > 0 ? covariance(samples[i], a.mean, samples[j], b.mean) / scale : 0;
+        scale > 0 ? covariance(samples[first + i], a.mean, samples[first + j], b.mean) / scale : 0;
   }
   return result;
+}
+
+// Of each channel.
+std::vector<Samples> samples_of(const AnswerSpace& space, std::span<const double> all) {
+  if (!std::ranges::all_of(all, [](double x) { return std::isfinite(x); })) {
+    throw invalid_input("the network's prediction is not finite");
+  }
+  const Outputs outputs(all);
+  const size_t n = space.size();
+  if (outputs.size() != n) {
+    throw invalid_input(
+        fmt::format("the network answers {} coordinates; the model has {}", outputs.size(), n));
+  }
+  std::vector<Samples> channels(space.channels());
+  const std::span<const double> points = points_of(n);
+  std::vector<double> at(n);
+  for (size_t first = 0; first < points.size(); first += n) {
+    to_coordinates(outputs, points.subspan(first, n), at);
+    for (size_t c = 0; c < channels.size(); ++c) {
+      const auto numbers = numbers_of(space.channel(c).material(space.of_channel(c, at)));
+      for (size_t k = 0; k < kPosteriorNumbers; ++k) channels[c][k].push_back(numbers[k]);
+    }
+  }
+  return channels;
 }
 
 }  // namespace
@@ -256,43 +291,44 @@ Material Posterior::mean() const {
   return {p[0].mean, p[1].mean, p[2].mean};
 }
 
-std::vector<Posterior> posteriors(const AnswerSpace& space, std::span<const double> all) {
-  if (!std::ranges::all_of(all, [](double x) { return std::isfinite(x); })) {
-    throw invalid_input("the network's prediction is not finite");
-  }
-  const Outputs outputs(all);
-  const size_t n = space.size();
-  if (outputs.size() != n) {
-    throw invalid_input(
-        fmt::format("the network answers {} coordinates; the model has {}", outputs.size(), n));
-  }
-  struct Channel {
-    Samples material, scattering;
-    std::vector<double> diffuse_albedo, diffusion_length;
-  };
-  std::vector<Channel> channels(space.channels());
-  const std::span<const double> points = points_of(n);
-  std::vector<double> at(n);
-  for (size_t first = 0; first < points.size(); first += n) {
-    to_coordinates(outputs, points.subspan(first, n), at);
-    for (size_t c = 0; c < channels.size(); ++c) {
-      const Material m = space.channel(c).material(space.of_channel(c, at));
-      const MaterialCoordinates material{m.sigma_t, m.albedo, m.g};
-      const MaterialCoordinates scattering{m.sigma_a(), m.sigma_s(), m.sigma_s_reduced()};
-      for (size_t i = 0; i < 3; ++i) {
-        channels[c].material[i].push_back(material[i]);
-        channels[c].scattering[i].push_back(scattering[i]);
-      }
-      channels[c].diffuse_albedo.push_back(diffuse_albedo(m));
-      channels[c].diffusion_length.push_back(diffusion_length(m));
-    }
-  }
+std::vector<Posterior> posteriors(const AnswerSpace& space, std::span<const double> outputs,
+                                  const IntervalLevels& levels) {
   std::vector<Posterior> result;
-  for (const Channel& channel : channels) {
-    result.push_back({describe(channel.material), describe(channel.scattering),
-                      describe(channel.diffuse_albedo), describe(channel.diffusion_length)});
+  for (const Samples& samples : samples_of(space, outputs)) {
+    result.push_back({describe(samples, levels, 0), describe(samples, levels, 3),
+                      describe(samples[6], levels[6]), describe(samples[7], levels[7])});
   }
   return result;
+}
+
+std::vector<IntervalLevels> levels_that_reach(const AnswerSpace& space,
+                                              std::span<const double> outputs,
+                                              std::span<const Material> truth) {
+  std::vector<IntervalLevels> result;
+  for (const Samples& samples : samples_of(space, outputs)) {
+    const auto numbers = numbers_of(truth[result.size()]);
+    IntervalLevels& levels = result.emplace_back();
+    for (size_t k = 0; k < kPosteriorNumbers; ++k) {
+      const auto below = std::ranges::count_if(
+          samples[k], [limit = numbers[k]](double sample) { return sample < limit; });
+      const double part = static_cast<double>(below) / static_cast<double>(samples[k].size());
+      levels[k] = std::abs(2 * part - 1);
+    }
+  }
+  return result;
+}
+
+IntervalLevels interval_levels(const v1::Calibration& calibration) {
+  IntervalLevels levels = nominal_levels();
+  const auto& given = calibration.interval_level();
+  if (given.empty()) return levels;
+  if (given.size() != static_cast<int>(levels.size()) ||
+      !std::ranges::all_of(given, [](double x) { return x > 0 && x < 1; })) {
+    throw invalid_input(
+        fmt::format("the model's interval levels must be {} numbers in (0, 1)", levels.size()));
+  }
+  std::ranges::copy(given, levels.begin());
+  return levels;
 }
 
 }  // namespace itn

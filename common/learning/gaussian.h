@@ -65,8 +65,22 @@ std::vector<double> to_outputs(const Gaussian& gaussian);
 struct ParameterPosterior {
   double mean = 0, standard_deviation = 0;
   double median = 0;
-  double low = 0, high = 0;  // 5 % and 95 % quantiles
+  double low = 0,
+         high = 0;  // ends of the 90 % interval: 5 % and 95 % quantiles, or as IntervalLevels
 };
+
+// What a posterior says of a channel, number by number: sigma_t, albedo, g, sigma_a, sigma_s,
+// sigma_s_reduced, diffuse albedo and diffusion length.
+inline constexpr size_t kPosteriorNumbers = 8;
+
+// The probability that the Gaussian gives to what is called the 90 % interval of each number. Where
+// Gaussians are not quite right, it is another than 0.9 that holds nine of ten truths.
+using IntervalLevels = std::array<double, kPosteriorNumbers>;
+constexpr IntervalLevels nominal_levels() {
+  IntervalLevels levels{};
+  levels.fill(0.9);
+  return levels;
+}
 
 // Three parameters at a time, and the correlations of the first with the second, the first with the
 // third, and the second with the third (0 where one of them is certain).
@@ -88,6 +102,17 @@ struct Posterior {
 // The posterior of each channel by the Gaussian with these outputs, from quasi-random points that
 // are always the same. Points outside of the space's bounds count as the nearest inside. Throws
 // Error (invalid input) if an output is not finite, or there are not as many as the space needs.
-std::vector<Posterior> posteriors(const AnswerSpace& space, std::span<const double> outputs);
+std::vector<Posterior> posteriors(const AnswerSpace& space, std::span<const double> outputs,
+                                  const IntervalLevels& levels = nominal_levels());
+
+// The level whose intervals just reach the truth, of each number of each channel, from the same
+// points. Throws as posteriors().
+std::vector<IntervalLevels> levels_that_reach(const AnswerSpace& space,
+                                              std::span<const double> outputs,
+                                              std::span<const Material> truth);
+
+// The model's levels. Throws Error (invalid input) unless there are none, or as many as there are
+// numbers, in (0, 1).
+IntervalLevels interval_levels(const v1::Calibration& calibration);
 
 }  // namespace itn

@@ -125,6 +125,7 @@ Predictor::Predictor(const v1::Model& model)
       throw invalid_input("the model corrects the widths of answers that have none");
     }
     calibration_ = to_tensor(model.calibration(), space_.size());
+    levels_ = interval_levels(model.calibration());
   }
   model_.clear_weights();
   model_.clear_outlier_model();
@@ -167,10 +168,11 @@ NetworkView Predictor::seen(const Photograph& photograph, const v1::Capture& cap
 }
 
 std::vector<MaterialEstimate> Predictor::estimates_of(std::span<const double> outputs,
-                                                      double object_size) const {
+                                                      double object_size,
+                                                      const IntervalLevels& levels) const {
   std::vector<MaterialEstimate> estimates(space_.channels());
   if (model_.output() == v1::GAUSSIAN) {
-    const std::vector<Posterior> channels = posteriors(space_, outputs);
+    const std::vector<Posterior> channels = posteriors(space_, outputs, levels);
     for (size_t c = 0; c < channels.size(); ++c) {
       estimates[c].posterior = channels[c];
       estimates[c].material = channels[c].mean();
@@ -203,8 +205,9 @@ std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& as_measured,
     const Features image{features.embedding.slice(0, row, row + 1),
                          features.statistics.slice(0, row, row + 1)};
     const torch::Tensor outputs = outputs_of(image.embedding);
-    std::vector<MaterialEstimate> channels = estimates_of(
-        {outputs.data_ptr<double>(), static_cast<size_t>(outputs.size(1))}, object_sizes[i]);
+    std::vector<MaterialEstimate> channels =
+        estimates_of({outputs.data_ptr<double>(), static_cast<size_t>(outputs.size(1))},
+                     object_sizes[i], levels_);
     std::optional<OutlierScore> outlier;
     if (outlier_detector_) outlier = outlier_detector_->scores(image).front();
     for (MaterialEstimate& channel : channels) {
@@ -371,7 +374,7 @@ std::vector<MaterialEstimate> Predictor::combined(
       take_worse(estimate.outlier, outlier);
     }
     for (MaterialEstimate& channel :
-         estimates_of(combination(answers), sizes.front().value_or(1))) {
+         estimates_of(combination(answers), sizes.front().value_or(1), nominal_levels())) {
       result.push_back(std::move(channel));
       result.back().warnings = warnings;
       result.back().outlier = outlier;
@@ -413,6 +416,11 @@ std::vector<double> Predictor::marginal_probability(const MaterialEstimate& esti
   const torch::Tensor row =
       itn::marginal_probability(row_of(estimate.outputs), row_of(standardized(truth)));
   return {row.data_ptr<double>(), row.data_ptr<double>() + row.numel()};
+}
+
+std::vector<IntervalLevels> Predictor::levels_that_reach(const MaterialEstimate& estimate,
+                                                         std::span<const Material> truth) const {
+  return itn::levels_that_reach(space_, estimate.outputs, truth);
 }
 
 std::string name(const v1::ModelVersion& version) {

@@ -138,6 +138,10 @@ class Predictor {
   std::vector<double> marginal_probability(const MaterialEstimate& estimate,
                                            std::span<const Material> truth) const;
 
+  // Likewise levels_that_reach(), by channel.
+  std::vector<IntervalLevels> levels_that_reach(const MaterialEstimate& estimate,
+                                                std::span<const Material> truth) const;
+
   // The materials of an image's channels in the coordinates in which the network answers.
   std::vector<double> standardized(std::span<const Material> channels) const {
     return space_.standardized(channels);
@@ -156,8 +160,8 @@ class Predictor {
                                          std::span<const double> object_sizes,
                                          const Embed& embed) const;
   // What the outputs for an image say of an object of this size, by channel.
-  std::vector<MaterialEstimate> estimates_of(std::span<const double> outputs,
-                                             double object_size) const;
+  std::vector<MaterialEstimate> estimates_of(std::span<const double> outputs, double object_size,
+                                             const IntervalLevels& levels) const;
   std::vector<MaterialEstimate> combined(std::span<const Outcome> outcomes,
                                          std::span<const std::optional<double>> object_sizes,
                                          const std::stop_token& stop) const;
@@ -168,6 +172,7 @@ class Predictor {
   Encoder encoder_;
   std::optional<OutlierDetector> outlier_detector_;
   std::optional<torch::Tensor> calibration_;  // as to_tensor()
+  IntervalLevels levels_ = nominal_levels();  // of answers about one image
   torch::Tensor noise_;  // of an image: planes x resolution x resolution, standard normal
 };
 

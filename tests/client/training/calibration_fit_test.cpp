@@ -1,10 +1,13 @@
 #include "client/training/calibration_fit.h"
 
 #include <cmath>
+#include <random>
+#include <vector>
 
 #include <gmock/gmock.h>
 
 #include "common/learning/gaussian.h"
+#include "tests/support/statistics.h"
 
 namespace itn {
 namespace {
@@ -61,6 +64,24 @@ TEST(WidthFit, LeavesWidthsThatAreRightAsTheyAre) {
     EXPECT_NEAR(found.offset(k), 0, 5 / std::sqrt(2.0 * kCount));
     EXPECT_NEAR(found.slope(k), 0, 10 / std::sqrt(2.0 * kCount));
   }
+}
+
+// The level of 19 others is their 18th of all 20 places that one more has: nine of ten, exactly.
+TEST(ConformalLevel, HoldsNineOfTenFurtherTruths) {
+  std::mt19937_64 random(3);
+  std::uniform_real_distribution<double> uniform;
+  std::vector<double> held;
+  for (int repeat = 0; repeat < 40000; ++repeat) {
+    std::vector<double> levels(19);
+    for (double& level : levels) level = uniform(random);
+    held.push_back(uniform(random) <= conformal_level(levels) ? 1 : 0);
+  }
+  testing::expect_equal(testing::over_batches(held), {0.9, 0}, 5, "nine of ten");
+}
+
+TEST(ConformalLevel, TooFewOthersPromiseNothing) {
+  EXPECT_EQ(conformal_level(std::vector<double>(8, 0.3)), 1);
+  EXPECT_EQ(conformal_level(std::vector<double>(9, 0.3)), 0.3);
 }
 
 }  // namespace

@@ -3,7 +3,9 @@
 
 #include <gmock/gmock.h>
 
+#include <array>
 #include <memory>
+#include <numeric>
 #include <optional>
 #include <span>
 #include <string>
@@ -214,6 +216,43 @@ TEST_F(OutlierFit, ACompleteModelKnowsItsWidthsToo) {
   std::stop_source stop;
   stop.request_stop();
   EXPECT_THROW(measure_calibration(world_->model, validation, stop.get_token()), Error);
+}
+
+// From twice as many images, half are for the intervals' levels: nine of ten of those truths are
+// inside.
+TEST_F(OutlierFit, IntervalsHoldNineOfTenOfTheImagesThatTheirLevelsComeFrom) {
+  EXPECT_EQ(world_->model.calibration().interval_level_size(), 0);
+  const auto count = static_cast<uint32_t>(world_->validation.truth.size());
+  // Each image twice, once for either half.
+  HeldOutImages twice{source_of(*world_->validation_inputs), {}};
+  twice.images = {.count = 2 * size_t{count}, .batch = [&](std::span<const uint32_t> numbers) {
+                    std::vector<uint32_t> of(numbers.begin(), numbers.end());
+                    for (uint32_t& number : of) number /= 2;
+                    return world_->validation_inputs->batch(of);
+                  }};
+  std::vector<Material> truth;
+  for (const Material& m : world_->validation.truth) truth.insert(truth.end(), 2, m);
+  twice.truth = truth;
+  v1::Model model = world_->model;
+  const auto calibration = measure_calibration(model, twice);
+  ASSERT_TRUE(calibration);
+  ASSERT_EQ(calibration->interval_level_size(), static_cast<int>(kPosteriorNumbers));
+  *model.mutable_calibration() = *calibration;
+  const Predictor predictor(model);
+  std::array<int, 3> inside{};
+  std::vector<uint32_t> all(count);
+  std::iota(all.begin(), all.end(), 0U);
+  const auto estimates = predictor.estimate(world_->validation_inputs->batch(all));
+  for (uint32_t i = 0; i < count; ++i) {
+    const Material& m = world_->validation.truth[i];
+    const auto& parameters = estimates[i].posterior->material.parameters;
+    const std::array<double, 3> values{m.sigma_t, m.albedo, m.g};
+    for (size_t k = 0; k < 3; ++k) {
+      inside[k] += parameters[k].low <= values[k] && values[k] <= parameters[k].high ? 1 : 0;
+    }
+  }
+  // The rank is of n + 1 places; a quantile lies between two points.
+  for (const int held : inside) EXPECT_NEAR(held, 0.9 * (count + 1), 3);
 }
 
 }  // namespace

@@ -171,6 +171,43 @@ TEST(Gaussian, NinetyPercentIntervalsHoldNinetyPercent) {
   }
 }
 
+// An interval of the level that reaches a truth ends at the truth, between two of 2048 points.
+TEST(Gaussian, LevelsReachTheTruth) {
+  const AnswerSpace answers(residual_model());
+  const Material truth = answers.channel(0).material({0.5, -0.4, 0.9});
+  const std::vector<double> outputs(kWide.begin(), kWide.end());
+  const IntervalLevels levels = levels_that_reach(answers, outputs, {&truth, 1}).front();
+  const Posterior p = posteriors(answers, outputs, levels).front();
+  const auto expect_end = [](const ParameterPosterior& of, double value) {
+    const double end = std::min(std::abs(of.low - value), std::abs(of.high - value));
+    EXPECT_LT(end, 0.01 * of.standard_deviation);
+  };
+  expect_end(p.material.parameters[0], truth.sigma_t);
+  expect_end(p.material.parameters[1], truth.albedo);
+  expect_end(p.material.parameters[2], truth.g);
+  expect_end(p.scattering.parameters[0], truth.sigma_a());
+  expect_end(p.scattering.parameters[1], truth.sigma_s());
+  expect_end(p.scattering.parameters[2], truth.sigma_s_reduced());
+  expect_end(p.diffuse_albedo, diffuse_albedo(truth));
+  expect_end(p.diffusion_length, diffusion_length(truth));
+  // Nothing else of the answer depends on levels.
+  const Posterior nominal = posteriors(answers, outputs).front();
+  EXPECT_EQ(p.mean().sigma_t, nominal.mean().sigma_t);
+  EXPECT_EQ(p.material.correlations, nominal.material.correlations);
+}
+
+TEST(Gaussian, IntervalLevelsOfAModelAreEightProbabilitiesOrNone) {
+  v1::Calibration calibration;
+  EXPECT_EQ(interval_levels(calibration), nominal_levels());
+  for (size_t k = 0; k < kPosteriorNumbers; ++k) calibration.add_interval_level(0.5);
+  EXPECT_EQ(interval_levels(calibration)[7], 0.5);
+  calibration.set_interval_level(3, 1);
+  EXPECT_THROW(interval_levels(calibration), Error);
+  calibration.clear_interval_level();
+  calibration.add_interval_level(0.5);
+  EXPECT_THROW(interval_levels(calibration), Error);
+}
+
 // A Gaussian with the mean (1, 0) and the covariance ((4, 1.2), (1.2, 1)), seen from its own
 // margins.
 TEST(Gaussian, MarginalProbabilityIsThatOfEachCoordinateAlone) {
