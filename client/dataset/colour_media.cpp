@@ -67,6 +67,19 @@ Colours drawn_around(const Material& green, const v1::ColourChoice& choice,
   return colours;
 }
 
+// What is drawn of green, once more.
+Material drawn_alike(const Material& green, const v1::MaterialChoice& materials,
+                     const Choices& choices, uint64_t branch) {
+  const auto draw = [&](uint64_t offset, const v1::Distribution& distribution) {
+    return choices.draw(derive_seed(kColours, {branch + offset}), distribution);
+  };
+  const double albedo = draw(1, materials.albedo());
+  const double sigma_t = materials.has_sigma_s_reduced()
+                             ? draw(0, materials.sigma_s_reduced()) / (1 - green.g) / albedo
+                             : draw(0, materials.sigma_t());
+  return {.sigma_t = sigma_t, .albedo = albedo, .g = green.g};
+}
+
 }  // namespace
 
 std::array<Material, 3> draw_colours(const v1::MaterialChoice& materials, const Material& green,
@@ -77,6 +90,11 @@ std::array<Material, 3> draw_colours(const v1::MaterialChoice& materials, const 
   std::array<Material, 3> media;
   media.fill(green);
   if (kind < choice.gray()) return media;
+  if (kind >= 1 - choice.independent()) {
+    media[0] = drawn_alike(green, materials, choices, kRed);
+    media[2] = drawn_alike(green, materials, choices, kRed + 2);
+    return media;
+  }
   const Colours colours = kind < choice.gray() + choice.measured()
                               ? measured_like(green, choice, choices)
                               : drawn_around(green, choice, choices);

@@ -266,9 +266,11 @@ void validate_colours(const v1::DatasetConfig& config) {
   validate("materials.colours.absorption", colours.absorption(), 1e-3, 1e3);
   require_part("materials.colours.gray", colours.gray());
   require_part("materials.colours.measured", colours.measured());
-  require(colours.gray() + colours.measured() <= 1,
-          fmt::format("materials.colours.gray is {} and measured {}; together they are at most 1",
-                      colours.gray(), colours.measured()));
+  require_part("materials.colours.independent", colours.independent());
+  require(colours.gray() + colours.measured() + colours.independent() <= 1,
+          fmt::format("materials.colours.gray is {}, measured {} and independent {}; together they "
+                      "are at most 1",
+                      colours.gray(), colours.measured(), colours.independent()));
   require(
       config.coloured() == 0,
       fmt::format("coloured is {}; images in colour show all of their light", config.coloured()));
@@ -435,7 +437,7 @@ v1::MaterialRange material_range(const v1::DatasetConfig& config) {
   } else {
     sigma_t = range_of(materials.sigma_t());
   }
-  if (materials.has_colours()) {
+  if (materials.has_colours() && materials.colours().independent() < 1) {
     const v1::Interval ratio = range_of(materials.colours().scattering());
     const double albedos = albedo.max() / albedo.min();
     sigma_t.set_min(sigma_t.min() * std::min(1.0, ratio.min()) / albedos);

@@ -85,7 +85,7 @@ TEST(DatasetConfig, MaterialsSayHowDenseTheyAreOnce) {
   expect("there are sigma_t and sigma_s_reduced", reduced + "sigma_t { fixed: 1 }");
   expect("the albedo begins at 0", reduced + "albedo { uniform { max: 1 } }");
   expect("materials may have a sigma_t from", "sigma_s_reduced { fixed: 1e5 } g { fixed: 0.95 }");
-  expect("gray is 0.8 and measured 0.5", "colours { gray: 0.8 measured: 0.5 }");
+  expect("gray is 0.8, measured 0.5 and independent 0", "colours { gray: 0.8 measured: 0.5 }");
   expect("scattering is 200", "colours { scattering { fixed: 200 } }");
   expect("a grid takes sigma_t",
          "sampling: GRID sigma_t { fixed: 1 } albedo { fixed: 0.5 } g { fixed: 0 } colours {}");

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <iterator>
 #include <numbers>
@@ -780,6 +781,60 @@ TEST(DatasetPlan, ColoursAreDrawnAroundGreen) {
   // value.
   EXPECT_NEAR(mean(red), 0, 0.1);
   EXPECT_GT(std::set<double>(red.begin(), red.end()).size(), red.size() / 2);
+}
+
+// Nine in ten of independent colours lie where nine in ten of one are, and no two of them go
+// together.
+TEST(DatasetPlan, IndependentColoursAreDrawnEachAsGreenIs) {
+  constexpr int kItems = 4096;
+  v1::DatasetConfig config;
+  parse_text_proto(
+      "materials { sigma_t { uniform { min: 1 max: 200 } } albedo { uniform { min: 0.3 max: 0.95 } "
+      "}"
+      "  g { uniform { min: 0 max: 0.9 } } colours { gray: 0 measured: 0 independent: 1 } }",
+      "test", config);
+  config.set_count(kItems);
+  set_defaults(config);
+  const v1::MaterialRange range = material_range(config);
+  EXPECT_EQ(range.sigma_t().min(), 1);
+  EXPECT_EQ(range.sigma_t().max(), 200);
+  const v1::Dataset even = plan_dataset(config, nameless(5)).manifest;
+  // By number of six: sigma_t and albedo of each colour, from 0 to 1.
+  std::array<std::vector<double>, 6> numbers;
+  for (const v1::DatasetItem& item : even.items()) {
+    const std::vector<Material> colours = colours_of(item);
+    for (size_t c = 0; c < 3; ++c) {
+      EXPECT_EQ(colours[c].g, colours[1].g);
+      numbers[2 * c].push_back((colours[c].sigma_t - 1) / 199);
+      numbers[2 * c + 1].push_back((colours[c].albedo - 0.3) / 0.65);
+    }
+  }
+  const auto mean_product = [&](size_t a, size_t b) {
+    double sum = 0;
+    for (size_t i = 0; i < kItems; ++i) sum += (numbers[a][i] - 0.5) * (numbers[b][i] - 0.5);
+    return sum / kItems;
+  };
+  for (size_t a = 0; a < numbers.size(); ++a) {
+    const auto [low, high] = std::ranges::minmax(numbers[a]);
+    EXPECT_GE(low, 0);
+    EXPECT_LE(high, 1);
+    // Five standard errors of independent numbers: a variance of 1/12, whose own is 1/180.
+    EXPECT_NEAR(mean_product(a, a), 1.0 / 12, 5 / std::sqrt(180.0 * kItems));
+    for (size_t b = 0; b < a; ++b) {
+      EXPECT_NEAR(mean_product(a, b), 0, 5.0 / 12 / std::sqrt(kItems)) << a << " and " << b;
+    }
+  }
+  // How dense media are may be said by sigma_s (1 - g), too.
+  config.mutable_materials()->clear_sigma_t();
+  *config.mutable_materials()->mutable_sigma_s_reduced() =
+      colour_config(1).materials().sigma_s_reduced();
+  const v1::Dataset reduced = plan_dataset(config, nameless(5)).manifest;
+  for (const v1::DatasetItem& item : reduced.items()) {
+    for (const Material& colour : colours_of(item)) {
+      EXPECT_GT(colour.sigma_s_reduced(), 5 * (1 - 1e-9));
+      EXPECT_LT(colour.sigma_s_reduced(), 400 * (1 + 1e-9));
+    }
+  }
 }
 
 TEST(DatasetPlan, MeasuredMediaKeepTheRatiosOfTheirColours) {
