@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <optional>
 #include <string>
 #include <thread>
@@ -117,13 +118,22 @@ void add_image_errors(const EvaluateOptions& options, const LabelledImages& imag
                       const std::vector<EvaluatedRow>& candidates, DatasetReader& dataset,
                       RenderPool& pool, v1::Evaluation& evaluation) {
   const std::vector<uint32_t> chosen = spread(options.rerender, images.items.size());
-  Progress progress("rerender", "images", chosen.size() * candidates.size());
+  const bool in_colour = images.channels == 3;
+  const size_t spheres = in_colour ? chosen.size() * (candidates.size() + 1) : 0;
+  Progress progress("rerender", "images", chosen.size() * candidates.size() + spheres);
   uint64_t done = 0;
+  const auto count = [&] { progress.update(++done); };
+  const auto colours = [&](std::span<const Material> materials) {
+    return sphere_colours(pool, images, chosen, materials, options.spp, count, interruption());
+  };
+  std::vector<std::array<double, 3>> truth;
+  if (in_colour) truth = colours(images.truth);
   for (size_t c = 0; c < candidates.size(); ++c) {
-    const ImageErrors errors = image_errors(
-        dataset, pool, images, chosen, candidates[c].predictions, options.spp,
-        [&] { progress.update(++done); }, interruption());
+    const ImageErrors errors =
+        image_errors(dataset, pool, images, chosen, candidates[c].predictions, options.spp, count,
+                     interruption());
     v1::Evaluation::Row& row = *evaluation.mutable_rows(static_cast<int>(c));
+    if (in_colour) set_colour_differences(colours(candidates[c].predictions), truth, row);
     row.set_image(errors.relative);
     row.set_dissimilarity(errors.dissimilarity);
   }
@@ -280,6 +290,14 @@ void print(const v1::Evaluation& evaluation) {
                  row.albedo(), row.g());
     if (row.has_image()) print_result("  {:7.4f}  {:9.4f}", row.image(), row.dissimilarity());
     print_result("\n");
+  }
+  for (const v1::Evaluation::Row& row : evaluation.rows()) {
+    if (!row.has_colour_difference()) continue;
+    print_result(
+        "{}: colour of a sphere under white light off by {:.1f}, of nine in ten by less than "
+        "{:.1f} "
+        "(CIE delta E 2000)\n",
+        row.name(), row.colour_difference(), row.colour_difference_of_nine_in_ten());
   }
   print_result(
       "The constant predictor answers the mean of these images' own truth: no constant does "

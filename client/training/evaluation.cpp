@@ -4,18 +4,21 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
+#include <optional>
 #include <set>
 #include <utility>
 
 #include <fmt/format.h>
 
 #include "client/dataset/sampler.h"
+#include "client/image/colour_difference.h"
 #include "client/image/ms_ssim.h"
 #include "client/render_pool/render_pool.h"
 #include "client/render_pool/render_query.h"
 #include "client/training/augmentation.h"
 #include "client/training/noise_map.h"
 #include "client/training/shape_bootstrap.h"
+#include "client/training/sphere_colour.h"
 #include "client/training/uniformity.h"
 #include "common/error.h"
 #include "common/random.h"
@@ -490,6 +493,35 @@ ImageErrors image_errors(DatasetReader& dataset, RenderPool& pool, const Labelle
     progress();
   }
   return errors;
+}
+
+std::vector<std::array<double, 3>> sphere_colours(RenderPool& pool, const LabelledImages& images,
+                                                  std::span<const uint32_t> chosen,
+                                                  std::span<const Material> materials, uint32_t spp,
+                                                  const std::function<void()>& progress,
+                                                  std::stop_token stop) {
+  std::vector<std::array<double, 3>> colours;
+  for (const uint32_t i : chosen) {
+    const v1::DatasetItem& item = *images.items[i];
+    colours.push_back(
+        sphere_colour(pool, materials.subspan(i * images.channels, images.channels),
+                      item.has_boundary() ? std::optional(item.boundary()) : std::nullopt, spp,
+                      item.seed(), stop));
+    progress();
+  }
+  return colours;
+}
+
+void set_colour_differences(std::span<const std::array<double, 3>> answers,
+                            std::span<const std::array<double, 3>> truth,
+                            v1::Evaluation::Row& row) {
+  std::vector<double> differences;
+  for (size_t i = 0; i < answers.size(); ++i) {
+    differences.push_back(colour_difference(answers[i], truth[i]));
+  }
+  if (differences.empty()) return;
+  row.set_colour_difference(quantile(differences, 0.5));
+  row.set_colour_difference_of_nine_in_ten(quantile(differences, 0.9));
 }
 
 double relative_image_error(std::span<const float> image, std::span<const float> rendered,

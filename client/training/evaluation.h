@@ -1,6 +1,7 @@
 // How well trained networks do on a split of a dataset, beside the strongest constant answer.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <span>
@@ -83,6 +84,19 @@ ImageErrors image_errors(DatasetReader& dataset, RenderPool& pool, const Labelle
                          std::span<const uint32_t> chosen, std::span<const Material> predictions,
                          uint32_t spp, const std::function<void()>& progress,
                          std::stop_token stop = {});
+
+// For images in colour of these numbers, sphere_colour() of these materials, which are of all
+// images, behind the surface of each. The same random numbers each time. `progress` is called after
+// each.
+std::vector<std::array<double, 3>> sphere_colours(RenderPool& pool, const LabelledImages& images,
+                                                  std::span<const uint32_t> chosen,
+                                                  std::span<const Material> materials, uint32_t spp,
+                                                  const std::function<void()>& progress,
+                                                  std::stop_token stop = {});
+
+// Sets what the row says of colour_difference() between them.
+void set_colour_differences(std::span<const std::array<double, 3>> answers,
+                            std::span<const std::array<double, 3>> truth, v1::Evaluation::Row& row);
 
 // sqrt(sum (I - T)^2 / sum I^2) over the object (pixels weighted by the mask). Contains the noise
 // of both images.
