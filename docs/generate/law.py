@@ -20,7 +20,7 @@ import sys
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 ITN = pathlib.Path(os.environ.get("ITN_BIN", ROOT / "build/release/bin")) / "itn"
-ERRORS = {"sigma_t": "sigmaT", "albedo": "albedo", "g": "g"}
+ERRORS = ["sigma_t", "albedo", "g"]
 KEYS = ["base_channels", "images", "seed"]
 COLUMNS = KEYS + [*ERRORS, "diffuse_albedo", "ln_diffusion_length", "log_likelihood", "joint_coverage"]
 
@@ -29,9 +29,8 @@ def evaluated(run, dataset):
     answer = subprocess.run([ITN, "evaluate", run / "best.itn", "--dataset", dataset, "--json", "-q"], check=True,
                             capture_output=True, text=True)
     row = json.loads(answer.stdout)["rows"][0]
-    return {**{name: row["relativeAbsolute"][key] for name, key in ERRORS.items()},
-            "diffuse_albedo": row["diffuseAlbedo"], "ln_diffusion_length": row["lnDiffusionLength"],
-            "log_likelihood": row["logLikelihood"], "joint_coverage": row["jointCoverage"]}
+    return {**{name: row["relative_absolute"][name] for name in ERRORS},
+            **{name: row[name] for name in COLUMNS[len(KEYS) + len(ERRORS):]}}
 
 
 def train(arguments):
