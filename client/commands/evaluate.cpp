@@ -295,8 +295,7 @@ void print(const v1::Evaluation& evaluation) {
     if (!row.has_colour_difference()) continue;
     print_result(
         "{}: colour of a sphere under white light off by {:.1f}, of nine in ten by less than "
-        "{:.1f} "
-        "(CIE delta E 2000)\n",
+        "{:.1f} (CIE delta E 2000)\n",
         row.name(), row.colour_difference(), row.colour_difference_of_nine_in_ten());
   }
   print_result(

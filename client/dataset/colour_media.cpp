@@ -73,14 +73,19 @@ Material drawn_alike(const Material& green, const v1::MaterialChoice& materials,
   const auto draw = [&](uint64_t offset, const v1::Distribution& distribution) {
     return choices.draw(derive_seed(kColours, {branch + offset}), distribution);
   };
-  const double albedo = draw(1, materials.albedo());
-  const double sigma_t = materials.has_sigma_s_reduced()
-                             ? draw(0, materials.sigma_s_reduced()) / (1 - green.g) / albedo
-                             : draw(0, materials.sigma_t());
-  return {.sigma_t = sigma_t, .albedo = albedo, .g = green.g};
+  return medium_of(materials, draw(0, density_of(materials)), draw(1, materials.albedo()), green.g);
 }
 
 }  // namespace
+
+const v1::Distribution& density_of(const v1::MaterialChoice& materials) {
+  return materials.has_sigma_s_reduced() ? materials.sigma_s_reduced() : materials.sigma_t();
+}
+
+Material medium_of(const v1::MaterialChoice& materials, double density, double albedo, double g) {
+  const double sigma_t = materials.has_sigma_s_reduced() ? density / (albedo * (1 - g)) : density;
+  return {.sigma_t = sigma_t, .albedo = albedo, .g = g};
+}
 
 std::array<Material, 3> draw_colours(const v1::MaterialChoice& materials, const Material& green,
                                      const Choices& choices) {

@@ -27,15 +27,8 @@ Material draw_material(const v1::MaterialChoice& materials, const Choices& choic
     SplitMix random = choices.random(kMaterial);
     for (double& number : u) number = random.uniform();
   }
-  Material material{.albedo = quantile(materials.albedo(), u[1]),
-                    .g = quantile(materials.g(), u[2])};
-  if (materials.has_sigma_s_reduced()) {
-    material.sigma_t =
-        quantile(materials.sigma_s_reduced(), u[0]) / (material.albedo * (1 - material.g));
-  } else {
-    material.sigma_t = quantile(materials.sigma_t(), u[0]);
-  }
-  return material;
+  return medium_of(materials, quantile(density_of(materials), u[0]),
+                   quantile(materials.albedo(), u[1]), quantile(materials.g(), u[2]));
 }
 
 v1::Rotation axis_rotation(double x, double y, double z, double degrees) {

@@ -2,12 +2,14 @@
 
 #include <lcms2.h>
 
+#include "common/luminance.h"
+
 namespace itn {
 namespace {
 
 // IEC 61966-2-1.
 constexpr std::array<std::array<double, 3>, 3> kXyzOfSrgb{
-    {{0.4124, 0.3576, 0.1805}, {0.2126, 0.7152, 0.0722}, {0.0193, 0.1192, 0.9505}}};
+    {{0.4124, 0.3576, 0.1805}, kLuminanceOfColours, {0.0193, 0.1192, 0.9505}}};
 
 cmsCIEXYZ xyz_of(const std::array<double, 3>& rgb) {
   std::array<double, 3> xyz{};

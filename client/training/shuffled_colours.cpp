@@ -1,9 +1,9 @@
 #include "client/training/shuffled_colours.h"
 
-#include <algorithm>
-#include <numeric>
 #include <utility>
+#include <vector>
 
+#include "client/dataset/sampler.h"
 #include "common/random.h"
 
 namespace itn {
@@ -13,14 +13,12 @@ ShuffledColours::ShuffledColours(std::unique_ptr<Batches> batches, uint64_t seed
 
 TrainingImages ShuffledColours::batch_at(uint64_t step, uint32_t size) {
   TrainingImages result = batches_->batch_at(step, size);
-  const auto channels = static_cast<size_t>(result.images.channels);
+  const auto channels = static_cast<uint32_t>(result.images.channels);
   if (channels == 1) return result;
-  SplitMix random(derive_seed(seed_, {step}));
-  std::vector<int64_t> source(static_cast<size_t>(result.images.planes()));
-  std::iota(source.begin(), source.end(), 0);
-  for (size_t first = 0; first < source.size(); first += channels) {
-    for (size_t k = channels - 1; k > 0; --k) {
-      std::swap(source[first + k], source[first + random.below(k + 1)]);
+  std::vector<int64_t> source;
+  for (uint64_t image = 0; image < result.items.size(); ++image) {
+    for (const uint32_t colour : permutation(channels, derive_seed(seed_, {step, image}))) {
+      source.push_back(static_cast<int64_t>(image * channels + colour));
     }
   }
   const torch::Tensor order = torch::tensor(source);

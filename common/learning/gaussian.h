@@ -65,8 +65,7 @@ std::vector<double> to_outputs(const Gaussian& gaussian);
 struct ParameterPosterior {
   double mean = 0, standard_deviation = 0;
   double median = 0;
-  double low = 0,
-         high = 0;  // ends of the 90 % interval: 5 % and 95 % quantiles, or as IntervalLevels
+  double low = 0, high = 0;  // of the 90 % interval, at quantiles that IntervalLevels says
 };
 
 // What a posterior says of a channel, number by number: sigma_t, albedo, g, sigma_a, sigma_s,

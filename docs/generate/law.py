@@ -88,9 +88,10 @@ def bootstrapped(images, errors, draws=200):
             for _ in range(draws)]
 
 
-def interval(values):
+def with_interval(values):
+    """The first, and between which all but one in twenty lie."""
     ordered = sorted(values)
-    return ordered[len(ordered) // 40], ordered[-1 - len(ordered) // 40]
+    return f"{values[0]:.2f} ({ordered[len(ordered) // 40]:.2f}-{ordered[-1 - len(ordered) // 40]:.2f})"
 
 
 def fit(arguments):
@@ -114,14 +115,12 @@ def fit(arguments):
             curves.append((width, name, sizes, means, laws[0]))
 
             def at(size):
-                values = [floor + c * size ** -alpha for floor, c, alpha in laws]
-                return f"{values[0]:.2f} ({interval(values)[0]:.2f}-{interval(values)[1]:.2f})"
+                return with_interval([floor + c * size ** -alpha for floor, c, alpha in laws])
 
-            floors, alphas = [one[0] for one in laws], [one[2] for one in laws]
-            print(f"| {width} | {name} | " + ", ".join(f"{n:.0f}: {e:.2f}" for n, e in zip(sizes, means)) +
-                  f" | {floors[0]:.2f} ({interval(floors)[0]:.2f}-{interval(floors)[1]:.2f})"
-                  f" | {alphas[0]:.2f} ({interval(alphas)[0]:.2f}-{interval(alphas)[1]:.2f})"
-                  f" | {at(2 * sizes[-1])} | {at(10 * sizes[-1])} |")
+            cells = [width, name, ", ".join(f"{n:.0f}: {e:.2f}" for n, e in zip(sizes, means)),
+                     with_interval([floor for floor, _, _ in laws]), with_interval([alpha for _, _, alpha in laws]),
+                     at(2 * sizes[-1]), at(10 * sizes[-1])]
+            print("| " + " | ".join(map(str, cells)) + " |")
     if arguments.picture:
         draw(arguments.picture, curves)
 
