@@ -22,7 +22,9 @@ enum AugmentationChoice : uint64_t {
   kNoiseLevel,
   kNoise,
   kCamera,
-  kWhiteBalance
+  kWhiteBalance,
+  kLikeness,
+  kCommonNoise
 };
 
 // With planes of their own.
@@ -75,13 +77,23 @@ void shift(const ImageBatch& images, uint32_t pixels, SplitMix random) {
   }
 }
 
-// Levels uniform in [min, max], one for each image.
-torch::Tensor noise_levels(const v1::Interval& range, int64_t count, SplitMix random) {
-  torch::Tensor levels = torch::empty({count});
-  for (int64_t i = 0; i < count; ++i) {
-    levels[i] = range.min() + (range.max() - range.min()) * random.uniform();
-  }
-  return levels;
+// Uniform in [min, max], one for each image.
+torch::Tensor uniform(double min, double max, int64_t count, SplitMix random) {
+  torch::Tensor numbers = torch::empty({count});
+  for (int64_t i = 0; i < count; ++i) numbers[i] = min + (max - min) * random.uniform();
+  return numbers;
+}
+
+// Colours of a render come from the same paths, so that their noise is alike, and the more so, the
+// more alike their media: of noise with any correlation of colours, this tells nothing.
+torch::Tensor alike_in_colours(const torch::Tensor& normal, int64_t channels,
+                               const torch::Generator& generator, SplitMix random) {
+  const int64_t side = normal.size(-1);
+  const int64_t images = normal.size(0) / channels;
+  const torch::Tensor correlation = per_plane(for_planes(uniform(0, 1, images, random), channels));
+  const torch::Tensor common =
+      torch::randn({images, side, side}, generator).repeat_interleave(channels, 0);
+  return correlation.sqrt() * common + (1 - correlation).sqrt() * normal;
 }
 
 void require_in(const char* name, double value, double low, double high) {
@@ -130,9 +142,14 @@ ImageBatch augmented(const ImageBatch& images, const v1::Augmentation& augmentat
     result.luminance = result.luminance * per_plane(factor);
   }
   if (augmentation.noise().max() > 0) {
-    const torch::Tensor level = noise_levels(augmentation.noise(), count, random(kNoiseLevel));
-    result = brought_up_to_noise(result, for_planes(level, images.channels),
-                                 torch::randn(result.luminance.sizes(), generator(kNoise)));
+    const torch::Tensor level =
+        uniform(augmentation.noise().min(), augmentation.noise().max(), count, random(kNoiseLevel));
+    torch::Tensor normal = torch::randn(result.luminance.sizes(), generator(kNoise));
+    if (images.channels > 1) {
+      normal =
+          alike_in_colours(normal, images.channels, generator(kCommonNoise), random(kLikeness));
+    }
+    result = brought_up_to_noise(result, for_planes(level, images.channels), normal);
   }
   return result;
 }
