@@ -66,14 +66,24 @@ Gaussian prior_of_bounds(const v1::Model& model) {
   return {mean, at::linalg_inv(d.t().matmul(d) / static_cast<double>(kPoints))};
 }
 
-// Images that tell less than nothing in some direction together still leave this much of the prior.
-torch::Tensor at_least(const torch::Tensor& precision, const torch::Tensor& prior) {
-  constexpr double kPart = 0.25;
-  const torch::Tensor root = at::linalg_cholesky(prior);
-  const torch::Tensor inverse = at::linalg_inv(root);
-  const auto [values, vectors] = at::linalg_eigh(inverse.matmul(precision).matmul(inverse.t()));
-  const torch::Tensor inside = vectors.matmul(torch::diag(values.clamp_min(kPart)));
-  return root.matmul(inside.matmul(vectors.t())).matmul(root.t());
+// A precision that the prior has 1 of, and the answer there.
+struct Direction {
+  double precision, mean;
+};
+
+// What `count` answers say together in a direction, in which their mean is `answer`, with the prior
+// taken out of all but one.
+Direction combined(const Direction& answer, double count) {
+  constexpr double kDeviations = 2;
+  Direction all;
+  all.precision = std::max(1 + count * (answer.precision - 1), std::min(answer.precision, 1.0));
+  // From a prior that is a Gaussian come answers whose means vary by 1 - 1 / precision. Where they
+  // are much farther away, the prior was wider than that, and is not taken out.
+  const double farthest = std::max(kDeviations * std::sqrt(std::max(1 - 1 / all.precision, 0.0)),
+                                   std::abs(answer.mean));
+  all.mean =
+      std::clamp(count * answer.precision * answer.mean / all.precision, -farthest, farthest);
+  return all;
 }
 
 }  // namespace
@@ -99,8 +109,10 @@ Combination::Combination(const v1::Model& model) : error_correlation_(model.erro
 std::vector<double> Combination::operator()(std::span<const ImageAnswer> answers) const {
   if (answers.size() == 1) return answers.front().outputs;
   const double weight = 1 / (1 + static_cast<double>(answers.size() - 1) * error_correlation_);
-  torch::Tensor precision = prior_.precision.clone();
-  torch::Tensor information = prior_.precision.matmul(prior_.mean);
+  const auto count = static_cast<double>(answers.size());
+  // Of the mean answer, the information about its distance from the prior's mean.
+  torch::Tensor precision = torch::zeros_like(prior_.precision);
+  torch::Tensor information = torch::zeros_like(prior_.mean);
   for (const ImageAnswer& answer : answers) {
     // What is 1 / mm for one object is another number per longest side of another.
     torch::Tensor shift = torch::zeros_like(prior_.mean);
@@ -109,12 +121,26 @@ std::vector<double> Combination::operator()(std::span<const ImageAnswer> answers
       shift[static_cast<int64_t>(c)] = larger / log_size_units_[c];
     }
     const Gaussian image = to_gaussian(answer.outputs);
-    precision = precision + weight * (image.precision - prior_.precision);
-    information = information + weight * (image.precision.matmul(image.mean + shift) -
-                                          prior_.precision.matmul(prior_.mean + shift));
+    precision = precision + image.precision / count;
+    information = information + (image.precision.matmul(image.mean + shift - prior_.mean) -
+                                 prior_.precision.matmul(shift)) /
+                                    count;
   }
-  precision = at_least(precision, prior_.precision);
-  return to_outputs({at::linalg_solve(precision, information), precision});
+  // Directions in which the prior has a precision of 1, and the answer no correlations.
+  const torch::Tensor root = at::linalg_cholesky(prior_.precision);
+  const torch::Tensor inverse = at::linalg_inv(root);
+  const auto [values, vectors] = at::linalg_eigh(inverse.matmul(precision).matmul(inverse.t()));
+  const torch::Tensor along = vectors.t().matmul(inverse.matmul(information)) / values;
+  torch::Tensor precisions = torch::empty_like(values), means = torch::empty_like(values);
+  for (int64_t k = 0; k < values.size(0); ++k) {
+    const Direction all =
+        combined({values[k].item<double>(), along[k].item<double>()}, count * weight);
+    precisions[k] = all.precision;
+    means[k] = all.mean;
+  }
+  const torch::Tensor back = root.matmul(vectors);
+  return to_outputs({prior_.mean + inverse.t().matmul(vectors.matmul(means)),
+                     back.matmul(torch::diag(precisions)).matmul(back.t())});
 }
 
 }  // namespace itn

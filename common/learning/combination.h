@@ -12,6 +12,10 @@
 // images of one object had nothing in common, c would be 1. They have, since the network
 // misunderstands a shape in the same way twice: r is their correlation (Model.error_correlation),
 // and n images tell as much as n c would.
+//
+// That is done along the principal axes of the mean answer's precision relative to P. Along one in
+// which the answers are no surer than the prior, or so far from its middle that no Gaussian is, the
+// prior is not taken out: their mean stays.
 #pragma once
 
 #include <span>

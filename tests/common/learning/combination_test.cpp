@@ -167,6 +167,17 @@ TEST(Combination, StaysADistributionWhereImagesTellLessThanNothing) {
   EXPECT_GT(std::get<0>(at::linalg_eigh(all.precision)).min().item<double>(), 0);
 }
 
+// Far from the middle of the prior, answers no surer than it say that it is wider there than the
+// Gaussian that stands for it. Taking that out of them would move what they agree about.
+TEST(Combination, StaysWhereWideAnswersAgree) {
+  Numbers wide{3, -2, 2, -1, -1, -1, 0, 0, 0};
+  const Combination combination(residual_model());
+  const Gaussian one = to_gaussian(wide);
+  const Gaussian all = to_gaussian(combination(std::vector<ImageAnswer>(4, ImageAnswer{wide, 1})));
+  EXPECT_LT(distance(all.mean, one.mean), 1e-6);
+  EXPECT_LT(distance(all.precision, one.precision), 1e-6);
+}
+
 TEST(Combination, NeedsAModelThatAnswersDistributions) {
   testing::expect_error(ErrorKind::kInvalidInput, {"answers no distributions"},
                         [] { Combination{small_model()}; });
