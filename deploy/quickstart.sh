@@ -39,9 +39,9 @@ step "Read it off the image alone: coarse, with intervals that say how coarse"
 "$bin/itn" predict "$out/cube.exr" --radiance-scale 1 --object-size 1
 
 step "From a picture of a mug, 95 mm high, to a material for MaterialX, and a page about it"
-"$bin/itn" predict client/examples/mug.jpg --mask client/examples/mug_mask.png --object-size 95 \
+"$bin/itn" predict client/examples/mug.jpg --mask client/examples/mug_mask.png --object-size 95 --matt \
   --report "$out/mug.html" --scene client/examples/mug.textproto
-"$bin/itn" predict client/examples/mug.jpg --mask client/examples/mug_mask.png --object-size 95 \
+"$bin/itn" predict client/examples/mug.jpg --mask client/examples/mug_mask.png --object-size 95 --matt \
   --format openpbr -o "$out/mug.mtlx"
 say "The picture is a render of ours. Look at $out/mug.html: the picture stands beside a render of the answer."
 

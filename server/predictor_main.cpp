@@ -35,16 +35,17 @@ void add_flags(CLI::App& app, PredictorOptions& options) {
          fmt::format("[NAME=]MODEL: a model to answer with, and what requests call it. MODEL "
                      "is the name of one that itn models lists, a checkpoint of itn train, "
                      "or the folder of a run; NAME is by default that name, or the model's "
-                     "own. May be given several times; the first answers requests that name "
-                     "none. Default, without --models: {}",
-                     kDefaultModel))
+                     "own. May be given several times; the first that takes a photograph's "
+                     "channels answers requests that name none. Default, without --models: {}, "
+                     "and {} for photographs of one channel",
+                     kDefaultModel, kDefaultGrayModel))
       ->allow_extra_args(false);
   app.add_option(
       "--models", options.models.folder,
       fmt::format("Folder of models NAME.itn and NAME/VERSION.itn, to answer with too. A "
                   "request that names no version gets the newest. Without --model, one "
-                  "that names none gets the only one, or {}",
-                  kDefaultModel));
+                  "that names none gets the only one, or {}, or, of one channel, {}",
+                  kDefaultModel, kDefaultGrayModel));
   app.add_option("--reload-seconds", options.reload_seconds,
                  "Look so often, in seconds, whether files of models have changed; 0: on SIGHUP "
                  "alone. What is new is loaded and checked while the old one answers")
@@ -102,7 +103,7 @@ int run(int argc, char** argv) {
     options.server.max_memory_bytes = options.flags.max_memory_bytes();
     options.server.service.log_calls = true;
     if (options.models.models.empty() && options.models.folder.empty()) {
-      options.models.models.emplace_back();
+      options.models.models = {"", kDefaultGrayModel};
     }
     return std::make_unique<Program>(options);
   });

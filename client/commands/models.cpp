@@ -36,7 +36,9 @@ void list_shipped() {
     print_result("{:{}}  {:>7.1f} MB  {}{}\n", model.name, width,
                  static_cast<double>(std::filesystem::file_size(model.file)) / 1e6,
                  model.title.empty() ? "(no card)" : model.title,
-                 model.name == kDefaultModel ? " (default)" : "");
+                 model.name == kDefaultModel       ? " (default)"
+                 : model.name == kDefaultGrayModel ? " (default for photographs of one channel)"
+                                                   : "");
   }
 }
 

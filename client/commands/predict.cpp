@@ -43,16 +43,20 @@ namespace fs = std::filesystem;
 
 // --- Who is asked ---
 
-// The model that comes with itn for what is known of the light; empty: the default.
-std::string model_for(const PredictOptions& options) {
+// The model that comes with itn for what is known of the light on a thing without gloss.
+std::string matt_model(const PredictOptions& options) {
   if (options.flash) return "flash";
   if (options.photographs.gray_card) return "card";
   if (options.photographs.exposure) return "outdoor";
-  return "";
+  return kDefaultGrayModel;
 }
 
-std::filesystem::path model_of(const PredictOptions& options) {
-  return find_model(options.model.value_or(model_for(options)));
+// The model that answers about a photograph.
+std::filesystem::path model_of(const PredictOptions& options, const PredictInput& photograph) {
+  const bool in_colour = photograph.channels.size() == 3;
+  const bool matt = options.matt || options.flash;
+  return find_model(options.model.value_or(""),
+                    in_colour && !matt ? kDefaultModel : matt_model(options));
 }
 
 Predict predictor_of(const PredictOptions& options) {
@@ -61,7 +65,9 @@ Predict predictor_of(const PredictOptions& options) {
                         std::chrono::milliseconds(static_cast<int64_t>(options.timeout * 1000)),
                         options.model.value_or(""), options.version);
   }
-  return predictor_here(model_of(options));
+  if (options.model) return predictor_here(find_model(*options.model));
+  return predictor_here(
+      [&options](const PredictInput& photograph) { return model_of(options, photograph); });
 }
 
 // --- What became of each ---
@@ -189,8 +195,9 @@ void check_exports(const PredictOptions& options, const std::vector<std::string>
 
 void check(const PredictOptions& options, const std::vector<std::string>& files) {
   const auto usage = [](const std::string& message) { return Error(ErrorKind::kUsage, message); };
-  if (options.flash && !options.predictor.empty()) {
-    throw usage("--flash chooses a model here; of a predictor, choose it by --model NAME");
+  if ((options.flash || options.matt) && !options.predictor.empty()) {
+    throw usage(fmt::format("--{} chooses a model here; of a predictor, choose it by --model NAME",
+                            options.flash ? "flash" : "matt"));
   }
   const PhotographOptions& photographs = options.photographs;
   if (files.size() > 1 && !photographs.mask.empty() && !fs::is_directory(photographs.mask)) {
@@ -308,7 +315,9 @@ void write_for_people(const PredictOptions& options, const std::optional<v1::Sce
   if (!options.picture.empty()) write_panels(options.picture, rows);
   if (options.report.empty()) return;
   report.swatches = render_swatches(pool, materials_of_1_mm(answer), options.spp, count);
-  if (options.predictor.empty()) report.range = range_of_model(model_of(options));
+  if (options.predictor.empty()) {
+    report.range = range_of_model(model_of(options, group.loaded.front()));
+  }
   report.exports = options.exports;
   progress.finish();
   write_file_atomically(options.report, report_page(report));
@@ -316,17 +325,23 @@ void write_for_people(const PredictOptions& options, const std::optional<v1::Sce
 
 // --- All of it ---
 
-// The default model makes nothing of how bright a photograph is, as others that come with itn do.
+// The default models make nothing of how bright a photograph is, as others that come with itn do.
+// (The one for colours takes the light's colour from a gray card.)
 void warn_unused_inputs(const PredictOptions& options, const v1::PredictBatchReply& reply) {
-  const std::string better = model_for(options);
-  const bool by_default =
-      std::ranges::any_of(reply.outcomes(), [](const v1::PredictOutcome& outcome) {
-        return outcome.reply().model_version().name() == kDefaultModel;
-      });
-  if (better.empty() || !by_default) return;
+  const std::string better = matt_model(options);
+  const auto is_by = [&](const char* model) {
+    return std::ranges::any_of(reply.outcomes(), [model](const v1::PredictOutcome& outcome) {
+      return outcome.reply().model_version().name() == model;
+    });
+  };
+  const bool scale = options.photographs.exposure.has_value();
+  const char* const by = is_by(kDefaultGrayModel)        ? kDefaultGrayModel
+                         : scale && is_by(kDefaultModel) ? kDefaultModel
+                                                         : nullptr;
+  if (by == nullptr || better == kDefaultGrayModel) return;
   spdlog::warn(
-      "the model {} makes nothing of --{}; --model {} does{}", kDefaultModel,
-      options.photographs.gray_card ? "gray-card" : "radiance-scale", better,
+      "the model {} makes nothing of --{}; --model {} does, of things without gloss{}", by,
+      scale ? "radiance-scale" : "gray-card", better,
       options.predictor.empty() ? "" : ", if the predictor has it (itn models --predictor)");
 }
 

@@ -17,6 +17,7 @@ struct PredictOptions {
   PhotographOptions photographs;
   bool one_material = false;
   bool flash = false;
+  bool matt = false;
   std::optional<std::string> model;
   std::string predictor;
   ClientSecurity security;

@@ -110,14 +110,20 @@ void add_predict_command(CLI::App& app) {
   command->add_option(
       "--model", options->model,
       fmt::format("Predict in this process, by a model that itn models lists, a "
-                  "checkpoint or the folder of a run; default: {}, with "
-                  "--gray-card card, with --radiance-scale outdoor, with --flash flash. "
-                  "With --predictor: by that one of its models (itn models "
+                  "checkpoint or the folder of a run; default: {}. Photographs of one channel, and "
+                  "all with --matt: {}, with --gray-card card, with --radiance-scale outdoor, with "
+                  "--flash flash. With --predictor: by that one of its models (itn models "
                   "--predictor lists them); default: the predictor's",
-                  kDefaultModel));
+                  kDefaultModel, kDefaultGrayModel));
+  command
+      ->add_flag("--matt", options->matt,
+                 "The object has no gloss: light enters and leaves it straight, as in renders "
+                 "without a boundary, or seen through crossed polarisers")
+      ->excludes("--model");
   command
       ->add_flag("--flash", options->flash,
-                 "The only light is a flash at the camera: by the model flash")
+                 "The only light is a flash at the camera, and the object has no gloss: by the "
+                 "model flash")
       ->excludes("--model");
   const auto predictor = command->add_option("--predictor", options->predictor,
                                              "HOST:PORT of an itn-predictor to ask");

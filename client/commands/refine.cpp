@@ -178,7 +178,7 @@ Material network_guess(const RefineOptions& options, const std::vector<v1::Scene
     if (!options.settings.unknown_exposure()) photograph.exposure = 1;
     inputs.push_back(load_photograph(options.images[i], photograph));
   }
-  const Predict predict = predictor_here(find_model(options.model));
+  const Predict predict = predictor_here(find_model(options.model, kDefaultGrayModel));
   const bool several = inputs.size() > 1;
   const v1::PredictBatchReply reply = predict(inputs, several);
   for (const v1::PredictOutcome& outcome : reply.outcomes()) {

@@ -6,6 +6,7 @@
 #include "client/commands/options.h"
 #include "client/commands/refine.h"
 #include "common/flags.h"
+#include "common/learning/model_files.h"
 #include "common/render_limits.h"
 
 namespace itn {
@@ -42,9 +43,11 @@ void add_flags(CLI::App& command, ConfigFlags<Settings>& changes, RefineOptions&
                   "mean (sigma_t 91 over the longest side of the object in mm, 0.67, 0.4), or "
                   "SIGMA_T,ALBEDO,G, the first in 1/mm")
       ->capture_default_str();
-  command.add_option("--model", options.model,
-                     "Of --init network: a checkpoint, the folder of a run, or a model that itn "
-                     "models lists; default: any");
+  command.add_option(
+      "--model", options.model,
+      fmt::format("Of --init network: a checkpoint, the folder of a run, or a model that "
+                  "itn models lists; default: {}",
+                  kDefaultGrayModel));
   command
       .add_option("--starts", options.starts,
                   "Starts, spread about --init; the best after four iterations of each goes on")

@@ -2,6 +2,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include <map>
 #include <memory>
 #include <utility>
 
@@ -33,6 +34,22 @@ v1::PredictRequest request_of(const PredictInput& input) {
   return request;
 }
 
+// Each photograph by itself: those in a row of which `key_of` says the same are asked about
+// together, by ask(key, photographs).
+template <typename KeyOf, typename Ask>
+v1::PredictBatchReply asked_in_rows(std::span<const PredictInput> photographs, const KeyOf& key_of,
+                                    const Ask& ask) {
+  v1::PredictBatchReply reply;
+  while (!photographs.empty()) {
+    const auto key = key_of(photographs.front());
+    size_t count = 1;
+    while (count < photographs.size() && key_of(photographs[count]) == key) ++count;
+    reply.MergeFrom(ask(key, photographs.first(count)));
+    photographs = photographs.subspan(count);
+  }
+  return reply;
+}
+
 class RemotePredictor {
  public:
   RemotePredictor(std::string address, const ClientSecurity& security,
@@ -44,8 +61,17 @@ class RemotePredictor {
         connector_(security),
         stub_(v1::PredictService::NewStub(connector_.connect_to(address_))) {}
 
+  // A predictor that is asked for no model chooses one by the channels.
   v1::PredictBatchReply operator()(std::span<const PredictInput> photographs,
                                    bool one_material) const {
+    if (one_material || !model_.empty()) return asked(photographs, one_material);
+    return asked_in_rows(
+        photographs, [](const PredictInput& photograph) { return photograph.channels.size(); },
+        [this](size_t, std::span<const PredictInput> row) { return asked(row, false); });
+  }
+
+ private:
+  v1::PredictBatchReply asked(std::span<const PredictInput> photographs, bool one_material) const {
     v1::PredictBatchReply reply;
     if (photographs.size() == 1 && !one_material) {
       v1::PredictOutcome& outcome = *reply.add_outcomes();
@@ -74,12 +100,11 @@ class RemotePredictor {
     }
     // More than it takes at a time.
     const size_t half = photographs.size() / 2;
-    reply = (*this)(photographs.first(half), false);
-    reply.MergeFrom((*this)(photographs.subspan(half), false));
+    reply = asked(photographs.first(half), false);
+    reply.MergeFrom(asked(photographs.subspan(half), false));
     return reply;
   }
 
- private:
   struct Ended {
     grpc::Status status;
     std::string name;  // of the request, in the predictor's log
@@ -132,6 +157,23 @@ Predict predictor_here(const std::filesystem::path& model) {
     return to_reply(
         predictor->estimate_each(photographs.size(), seen, one_material, interruption()),
         predictor->version());
+  };
+}
+
+Predict predictor_here(const ModelOf& model_of) {
+  const auto loaded = std::make_shared<std::map<std::filesystem::path, Predict>>();
+  const auto predict_by = [loaded](const std::filesystem::path& model) -> const Predict& {
+    const auto found = loaded->find(model);
+    return found != loaded->end() ? found->second
+                                  : loaded->emplace(model, predictor_here(model)).first->second;
+  };
+  return [=](std::span<const PredictInput> photographs, bool one_material) {
+    if (one_material) return predict_by(model_of(photographs.front()))(photographs, true);
+    return asked_in_rows(
+        photographs, model_of,
+        [&](const std::filesystem::path& model, std::span<const PredictInput> row) {
+          return predict_by(model)(row, false);
+        });
   };
 }
 

@@ -21,6 +21,11 @@ using Predict = std::function<v1::PredictBatchReply(std::span<const PredictInput
 // By the network in the file or folder `model`. Throws Error as Predictor::load().
 Predict predictor_here(const std::filesystem::path& model);
 
+// By the network in the file or folder that `model_of` finds for each photograph, or, of one
+// material, for the first of them. Throws Error as Predictor::load().
+using ModelOf = std::function<std::filesystem::path(const PredictInput&)>;
+Predict predictor_here(const ModelOf& model_of);
+
 // What the network in this file or folder can answer, for an object of 1 mm. Throws likewise.
 v1::MaterialRange range_of_model(const std::filesystem::path& model);
 

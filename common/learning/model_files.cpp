@@ -75,12 +75,12 @@ std::vector<ShippedModel> shipped_models() {
   return models;
 }
 
-fs::path find_model(const std::string& model) {
+fs::path find_model(const std::string& model, const std::string& by_default) {
   if (!model.empty() && (!is_name(model) || fs::exists(model))) {
     refuse_name_with_extension(model);
     return model;
   }
-  const std::string name = model.empty() ? kDefaultModel : model;
+  const std::string name = model.empty() ? by_default : model;
   const fs::path file = models_folder() / (name + kExtension);
   if (fs::exists(file)) return file;
   throw Error(

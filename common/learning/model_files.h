@@ -8,8 +8,10 @@
 
 namespace itn {
 
-// The one that predicts where no other is named: for any light, and radiance on any scale.
-inline constexpr const char* kDefaultModel = "any";
+// Those that predict where no other is named, in any light, and from radiance on any scale: of a
+// photograph in colour, and of one that has one channel.
+inline constexpr const char* kDefaultModel = "real";
+inline constexpr const char* kDefaultGrayModel = "any";
 
 struct ShippedModel {
   std::string name;
@@ -28,8 +30,9 @@ std::vector<ShippedModel> shipped_models();
 std::string card_title(const std::filesystem::path& model);
 
 // What `model` stands for: a checkpoint file or the folder of a run if there is one at this path;
-// the shipped model of this name; of an empty string, kDefaultModel. Throws Error (kIo) that says
-// where it was looked for and which models there are.
-std::filesystem::path find_model(const std::string& model);
+// the shipped model of this name; of an empty string, the one called `by_default`. Throws Error
+// (kIo) that says where it was looked for and which models there are.
+std::filesystem::path find_model(const std::string& model,
+                                 const std::string& by_default = kDefaultModel);
 
 }  // namespace itn

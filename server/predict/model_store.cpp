@@ -133,7 +133,7 @@ ModelStore::ModelStore(const ModelStoreOptions& options) : folder_(options.folde
     }
     slots_.push_back(std::move(slot));
   }
-  if (!slots_.empty()) default_name_ = slots_.front().served->name;
+  for (const Slot& slot : slots_) default_names_.push_back(slot.served->name);
   if (!folder_.empty() && !fs::is_directory(folder_)) {
     throw Error(ErrorKind::kIo, fmt::format("--models {}: it is not a folder", folder_.string()));
   }
@@ -276,10 +276,17 @@ void ModelStore::publish() {
   std::ranges::stable_sort(served, [](const ServedModel& a, const ServedModel& b) {
     return a.name != b.name ? a.name < b.name : is_older(b.version, a.version);
   });
-  std::string by_default = default_name_;
-  if (by_default.empty()) by_default = names.size() == 1 ? *names.begin() : kDefaultModel;
-  const auto newest = std::ranges::find(served, by_default, &ServedModel::name);
-  if (newest != served.end()) newest->by_default = true;
+  std::vector<std::string> by_default = default_names_;
+  if (by_default.empty() && names.size() == 1) by_default = {*names.begin()};
+  if (by_default.empty()) by_default = {kDefaultModel, kDefaultGrayModel};
+  std::optional<size_t> fewest_channels;  // that a default takes so far
+  for (const std::string& name : by_default) {
+    const auto newest = std::ranges::find(served, name, &ServedModel::name);
+    if (newest == served.end()) continue;
+    const size_t channels = newest->predictor->channels();
+    newest->by_default = !fewest_channels || channels < *fewest_channels;
+    if (newest->by_default) fewest_channels = channels;
+  }
   const std::lock_guard lock(mutex_);
   served_ = std::move(served);
 }
@@ -290,9 +297,15 @@ std::vector<ServedModel> ModelStore::models() const {
 }
 
 std::shared_ptr<const Predictor> ModelStore::find(const std::string& name,
-                                                  const std::string& version) const {
+                                                  const std::string& version,
+                                                  size_t channels) const {
   const std::lock_guard lock(mutex_);
-  const auto by_default = std::ranges::find(served_, true, &ServedModel::by_default);
+  auto by_default = std::ranges::find_if(served_, [channels](const ServedModel& model) {
+    return model.by_default && model.predictor->channels() == channels;
+  });
+  if (by_default == served_.end()) {
+    by_default = std::ranges::find(served_, true, &ServedModel::by_default);
+  }
   const std::string wanted = name.empty() && by_default != served_.end() ? by_default->name : name;
   std::vector<std::string> names, versions;
   for (const ServedModel& model : served_) {

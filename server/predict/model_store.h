@@ -27,7 +27,7 @@ struct ModelStoreOptions {
 // What requests may ask for.
 struct ServedModel {
   std::string name, version;
-  bool by_default = false;  // where no name is given
+  bool by_default = false;  // where no name is given, if it takes the photograph's channels
   std::string title;        // the first line of the file's card; empty if there is none
   std::shared_ptr<const Predictor> predictor;
 };
@@ -44,10 +44,12 @@ class ModelStore {
   // be used are logged and left out.
   explicit ModelStore(const ModelStoreOptions& options);
 
-  // The model of this version, or its newest if `version` is empty. An empty `name` is the default:
-  // the first of ModelStoreOptions::models; without these the only name in the folder, or
-  // kDefaultModel. Throws StatusError (NOT_FOUND) that says which there are.
-  std::shared_ptr<const Predictor> find(const std::string& name, const std::string& version) const;
+  // The model of this version, or its newest if `version` is empty. An empty `name` is the default
+  // for photographs of so many channels: the first of ModelStoreOptions::models that takes them;
+  // without these the only name in the folder, or kDefaultModel or kDefaultGrayModel. Throws
+  // StatusError (NOT_FOUND) that says which there are.
+  std::shared_ptr<const Predictor> find(const std::string& name, const std::string& version,
+                                        size_t channels) const;
 
   // By name, the newest of each first.
   std::vector<ServedModel> models() const;
@@ -83,9 +85,9 @@ class ModelStore {
   void publish();
 
   const std::filesystem::path folder_;
-  std::mutex refreshing_;    // guards slots_, default_name_, warned_, warnings_
-  std::vector<Slot> slots_;  // those that were named first
-  std::string default_name_;
+  std::mutex refreshing_;                    // guards slots_, default_names_, warned_, warnings_
+  std::vector<Slot> slots_;                  // those that were named first
+  std::vector<std::string> default_names_;   // the first that takes a photograph answers
   std::set<std::string> warned_, warnings_;  // in the last refresh, in this one
   mutable std::mutex mutex_;                 // guards served_
   std::vector<ServedModel> served_;

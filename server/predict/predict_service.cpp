@@ -116,9 +116,11 @@ class PredictService::Call : public QueuedCall {
       : QueuedCall(service.scheduler_, context, reply), service_(service) {}
 
  protected:
+  // `image`: where no model is named, its channels tell which.
   template <typename Request>
-  void find_model(const Request& request) {
-    predictor_ = service_.models_->find(request.model(), request.version());
+  void find_model(const Request& request, const v1::PredictRequest& image) {
+    predictor_ =
+        service_.models_->find(request.model(), request.version(), std::max(1U, image.channels()));
   }
 
   // `kept`: bytes of all that the call holds beside.
@@ -167,7 +169,7 @@ class PredictService::PredictCall final : public Call {
   void accept(const grpc::ByteBuffer& bytes) override {
     parse_checked(bytes, "request", {}, request_);
     check_sizes(request_, max_pixels());
-    find_model(request_);
+    find_model(request_, request_);
   }
 
   grpc::ByteBuffer answer(const std::stop_token& stop) override {
@@ -205,7 +207,7 @@ class PredictService::BatchCall final : public Call {
                               "a time: send fewer, or smaller ones",
                               request_.images_size(), pixels, max_pixels()));
     }
-    find_model(request_);
+    find_model(request_, request_.images().empty() ? v1::PredictRequest() : request_.images(0));
   }
 
   grpc::ByteBuffer answer(const std::stop_token& stop) override {

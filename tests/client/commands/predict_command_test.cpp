@@ -64,6 +64,7 @@ class PredictCommand : public ::testing::Test {
   void ship() const {
     fs::create_directories(folder_.path("models"));
     fs::copy(model(), folder_.path("models/any.itn"));
+    fs::copy(model(), folder_.path("models/real.itn"));
     fs::copy(model(), folder_.path("models/studio.itn"));
     folder_.write("models/any.md", "# Sun and sky\n\nTrained with ...\n");
     ::setenv("ITN_MODELS", folder_.path("models").c_str(), 1);
@@ -124,8 +125,8 @@ TEST_F(PredictCommand, TakesModelsByName) {
   }
   const Finished list = run({testing::kItn, "models"});
   EXPECT_EQ(list.exit_code, 0) << list.errors;
-  EXPECT_THAT(list.output, AllOf(HasSubstr("Sun and sky (default)"), HasSubstr("studio"),
-                                 HasSubstr("(no card)")));
+  EXPECT_THAT(list.output, AllOf(HasSubstr("Sun and sky (default for photographs of one channel)"),
+                                 HasSubstr("studio"), HasSubstr("(no card)")));
   Process predictor({testing::kItnPredictor, "--listen", "127.0.0.1:0", "--log-level", "warning"});
   const Finished remote =
       run({testing::kItn, "predict", image(0), "--predictor", predictor.read_line()});
@@ -175,13 +176,56 @@ TEST_F(PredictCommand, SaysWhichModelIsMissing) {
        {Arguments{testing::kItn, "predict", image(0)}, Arguments{testing::kItnPredictor}}) {
     const Finished finished = run(command);
     EXPECT_EQ(finished.exit_code, 4);
-    EXPECT_THAT(finished.errors, AllOf(HasSubstr("any, is missing"), HasSubstr("--model FILE")));
+    EXPECT_THAT(finished.errors, AllOf(HasSubstr(" is missing"), HasSubstr("--model FILE")));
   }
   EXPECT_EQ(run({testing::kItn, "models"}).exit_code, 4);
   ship();
   const Finished misspelt = run({testing::kItn, "predict", image(0), "--model", "studoi"});
   EXPECT_EQ(misspelt.exit_code, 4);
-  EXPECT_THAT(misspelt.errors, HasSubstr("there are any, studio"));
+  EXPECT_THAT(misspelt.errors, HasSubstr("there are any, real, studio"));
+}
+
+// A photograph of one channel, or of a thing without gloss, has another default model than one in
+// colour, here and by a predictor.
+TEST_F(PredictCommand, ChoosesAModelByWhatIsKnownOfThePhotograph) {
+  ship();
+  const std::string data = folder_.path("colours"), trained = folder_.path("trained");
+  const std::string config = folder_.write(
+      "colours.textproto", "count: 12 resolution: 16 spp: 1 materials { colours {} }");
+  const std::string real = folder_.path("models/real.itn");
+  fs::remove(real);
+  for (const Arguments& command :
+       {Arguments{testing::kItn, "dataset", data, "--config", config, "--test-shapes", "cube"},
+        Arguments{testing::kItn, "train", data, "-o", trained, "--preset", "real", "--batch", "2",
+                  "--base-channels", "4", "--resolution", "16", "--steps", "2"},
+        Arguments{testing::kItn, "export", trained, "-o", real, "--model-name", "real"}}) {
+    const Finished finished = run(command);
+    ASSERT_EQ(finished.exit_code, 0) << finished.errors;
+  }
+  const std::string colour = folder_.path("photographs/colour.exr");
+  fs::create_directories(folder_.path("photographs"));
+  fs::copy(data + "/images/000000.exr", colour);
+  fs::copy(image(0), folder_.path("photographs/gray.exr"));
+  Process predictor({testing::kItnPredictor, "--listen", "127.0.0.1:0", "--log-level", "warning"});
+  const std::string address = predictor.read_line();
+  const auto csv = [&](const std::string& images, const Arguments& flags) {
+    Arguments command{testing::kItn, "predict", images, "--format", "csv"};
+    command.insert(command.end(), flags.begin(), flags.end());
+    const Finished finished = run(command);
+    EXPECT_EQ(finished.exit_code, 0) << finished.errors;
+    return finished.output;
+  };
+  EXPECT_THAT(csv(image(0), {}), AllOf(HasSubstr("small 1.2"), Not(HasSubstr("real"))));
+  EXPECT_EQ(count(csv(colour, {}), "real, step 2"), 3);
+  EXPECT_EQ(count(csv(colour, {"--matt"}), "small 1.2"), 3);
+  EXPECT_EQ(count(csv(colour, {"--model", "studio"}), "small 1.2"), 3);
+  const std::string both = csv(folder_.path("photographs"), {});
+  EXPECT_EQ(count(both, "real, step 2"), 3);
+  EXPECT_EQ(count(both, "small 1.2"), 1);
+  EXPECT_EQ(csv(folder_.path("photographs"), {"--predictor", address}), both);
+  EXPECT_THAT(run({testing::kItn, "predict", colour, "--exposure", "2"}).errors,
+              HasSubstr("the model real makes nothing of --radiance-scale; --model outdoor does"));
+  EXPECT_EQ(run({testing::kItn, "predict", colour, "--matt", "--predictor", address}).exit_code, 2);
 }
 
 // --- Many images ---

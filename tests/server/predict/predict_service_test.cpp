@@ -320,6 +320,40 @@ TEST_F(PredictServiceTest, ListsItsModelsAndAnswersByNameAndVersion) {
   EXPECT_EQ(by_default.model_version().step(), 0);
 }
 
+// The first of the models that takes a photograph's channels answers where none is named.
+TEST_F(PredictServiceTest, AnswersInColourAndOfOneChannelByDefault) {
+  write_model(folder_.path("colour.itn"), residual_model(32, v1::EXPOSURE_UNKNOWN, 3));
+  const std::string colour = "colour=" + folder_.path("colour.itn");
+  const std::string gray = "gray=" + folder_.path("small.itn");
+  const auto weights = [&](const std::string& model) {
+    return models_->find(model, "", 3)->version().sha256();
+  };
+  const auto asked = [&](int channels) {
+    v1::PredictReply reply;
+    const grpc::Status status = predict(Picture(channels).request(), reply);
+    EXPECT_EQ(status.ok() ? "" : status.error_message(), "");
+    v1::PredictBatchRequest batch;
+    *batch.add_images() = Picture(channels).request();
+    v1::PredictBatchReply batch_reply;
+    EXPECT_TRUE(predict(batch, batch_reply).ok());
+    EXPECT_EQ(batch_reply.outcomes(0).reply().model_version().sha256(),
+              reply.model_version().sha256());
+    EXPECT_EQ(reply.materials_size(), channels);
+    return reply.model_version().sha256();
+  };
+  serve({.models = {colour, gray}, .folder = {}});
+  EXPECT_EQ(asked(3), weights("colour"));
+  EXPECT_EQ(asked(1), weights("gray"));
+  EXPECT_EQ(std::ranges::count(models_->models(), true, &ServedModel::by_default), 2);
+  serve({.models = {gray, colour}, .folder = {}});
+  EXPECT_EQ(asked(3), weights("gray"));
+  EXPECT_EQ(std::ranges::count(models_->models(), true, &ServedModel::by_default), 1);
+  serve({.models = {colour}, .folder = {}});
+  v1::PredictReply none;
+  EXPECT_THAT(predict(Picture(1).request(), none).error_message(),
+              HasSubstr("answers about photographs in colour; this one has one channel"));
+}
+
 TEST_F(PredictServiceTest, SaysWhichModelsThereAre) {
   write_model(folder_.path("models/sun/1.itn"), variant(1));
   write_model(folder_.path("models/card.itn"), variant(2));
