@@ -103,7 +103,9 @@ int run(int argc, char** argv) {
     options.server.max_memory_bytes = options.flags.max_memory_bytes();
     options.server.service.log_calls = true;
     if (options.models.models.empty() && options.models.folder.empty()) {
-      options.models.models = {"", kDefaultGrayModel};
+      for (const char* const name : {kDefaultModel, kDefaultGrayModel}) {
+        options.models.models.push_back(fmt::format("{}={}", name, find_model("", name).string()));
+      }
     }
     return std::make_unique<Program>(options);
   });

@@ -236,6 +236,14 @@ void check(const PredictOptions& options, const std::vector<std::string>& files)
 v1::PredictBatchReply predictions_of(const Predict& predict, const Group& group, bool together) {
   if (group.loaded.empty()) return {};
   if (!together) return predict(group.loaded, false);
+  for (const PredictInput& photograph : group.loaded) {
+    const PredictInput& first = group.loaded.front();
+    if (photograph.channels.size() != first.channels.size()) {
+      throw invalid_input(fmt::format(
+          "{} has {} channels, and {} has {}: photographs of one material have the same",
+          first.name, first.channels.size(), photograph.name, photograph.channels.size()));
+    }
+  }
   std::vector<std::string> told;
   const std::vector<size_t> different = different_photographs(group.loaded, told);
   for (const std::string& sentence : told) spdlog::warn("{}", sentence);
@@ -328,21 +336,18 @@ void write_for_people(const PredictOptions& options, const std::optional<v1::Sce
 // The default models make nothing of how bright a photograph is, as others that come with itn do.
 // (The one for colours takes the light's colour from a gray card.)
 void warn_unused_inputs(const PredictOptions& options, const v1::PredictBatchReply& reply) {
-  const std::string better = matt_model(options);
-  const auto is_by = [&](const char* model) {
-    return std::ranges::any_of(reply.outcomes(), [model](const v1::PredictOutcome& outcome) {
-      return outcome.reply().model_version().name() == model;
-    });
-  };
   const bool scale = options.photographs.exposure.has_value();
-  const char* const by = is_by(kDefaultGrayModel)        ? kDefaultGrayModel
-                         : scale && is_by(kDefaultModel) ? kDefaultModel
-                                                         : nullptr;
-  if (by == nullptr || better == kDefaultGrayModel) return;
-  spdlog::warn(
-      "the model {} makes nothing of --{}; --model {} does, of things without gloss{}", by,
-      scale ? "radiance-scale" : "gray-card", better,
-      options.predictor.empty() ? "" : ", if the predictor has it (itn models --predictor)");
+  const std::string better = matt_model(options);
+  if (better == kDefaultGrayModel) return;
+  for (const v1::PredictOutcome& outcome : reply.outcomes()) {
+    const std::string& by = outcome.reply().model_version().name();
+    if (by != kDefaultGrayModel && !(scale && by == kDefaultModel)) continue;
+    spdlog::warn(
+        "the model {} makes nothing of --{}; --model {} does, of things without gloss{}", by,
+        scale ? "radiance-scale" : "gray-card", better,
+        options.predictor.empty() ? "" : ", if the predictor has it (itn models --predictor)");
+    return;
+  }
 }
 
 }  // namespace

@@ -253,8 +253,8 @@ std::string numbers_of(const Report& report) {
 std::string swatches_of(const Report& report) {
   std::string text =
       "<section><h2>How the best guess looks</h2>\n<p class=\"soft\">Rendered on other objects "
-      "with a longest side as long as the photographed one&#39;s; without gloss, as itn knows "
-      "materials.</p><div class=\"row\">\n";
+      "with a longest side as long as the photographed one&#39;s; without "
+      "gloss.</p><div class=\"row\">\n";
   for (const Swatch& swatch : report.swatches) {
     text += figure(swatch.picture, "swatch", fmt::format("{}, {}", swatch.shape, swatch.light));
   }

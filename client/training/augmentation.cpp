@@ -85,7 +85,8 @@ torch::Tensor uniform(double min, double max, int64_t count, SplitMix random) {
 }
 
 // Colours of a render come from the same paths, so that their noise is alike, and the more so, the
-// more alike their media: of noise with any correlation of colours, this tells nothing.
+// more alike their media. Added noise with any correlation of colours hides how much. (That of a
+// prediction has none, as some of training's.)
 torch::Tensor alike_in_colours(const torch::Tensor& normal, int64_t channels,
                                const torch::Generator& generator, SplitMix random) {
   const int64_t side = normal.size(-1);

@@ -72,17 +72,18 @@ struct Direction {
 };
 
 // What `count` answers say together in a direction, in which their mean is `answer`, with the prior
-// taken out of all but one.
-Direction combined(const Direction& answer, double count) {
+// taken out of all but one: out of the mean answer one with its middle at `prior`.
+Direction combined(const Direction& answer, double prior, double count) {
   constexpr double kDeviations = 2;
+  if (answer.precision <= 1) return answer;
   Direction all;
-  all.precision = std::max(1 + count * (answer.precision - 1), std::min(answer.precision, 1.0));
+  all.precision = 1 + count * (answer.precision - 1);
   // From a prior that is a Gaussian come answers whose means vary by 1 - 1 / precision. Where they
   // are much farther away, the prior was wider than that, and is not taken out.
-  const double farthest = std::max(kDeviations * std::sqrt(std::max(1 - 1 / all.precision, 0.0)),
-                                   std::abs(answer.mean));
-  all.mean =
-      std::clamp(count * answer.precision * answer.mean / all.precision, -farthest, farthest);
+  const double farthest =
+      std::max(kDeviations * std::sqrt(1 - 1 / all.precision), std::abs(answer.mean));
+  const double mean = count * (answer.precision * answer.mean - prior) / all.precision;
+  all.mean = std::clamp(mean, -farthest, farthest);
   return all;
 }
 
@@ -110,9 +111,10 @@ std::vector<double> Combination::operator()(std::span<const ImageAnswer> answers
   if (answers.size() == 1) return answers.front().outputs;
   const double weight = 1 / (1 + static_cast<double>(answers.size() - 1) * error_correlation_);
   const auto count = static_cast<double>(answers.size());
-  // Of the mean answer, the information about its distance from the prior's mean.
   torch::Tensor precision = torch::zeros_like(prior_.precision);
-  torch::Tensor information = torch::zeros_like(prior_.mean);
+  torch::Tensor information =
+      torch::zeros_like(prior_.mean);                     // of the distance to the prior's mean
+  torch::Tensor middle = torch::zeros_like(prior_.mean);  // of the priors, from there
   for (const ImageAnswer& answer : answers) {
     // What is 1 / mm for one object is another number per longest side of another.
     torch::Tensor shift = torch::zeros_like(prior_.mean);
@@ -122,19 +124,19 @@ std::vector<double> Combination::operator()(std::span<const ImageAnswer> answers
     }
     const Gaussian image = to_gaussian(answer.outputs);
     precision = precision + image.precision / count;
-    information = information + (image.precision.matmul(image.mean + shift - prior_.mean) -
-                                 prior_.precision.matmul(shift)) /
-                                    count;
+    information = information + image.precision.matmul(image.mean + shift - prior_.mean) / count;
+    middle = middle + shift / count;
   }
-  // Directions in which the prior has a precision of 1, and the answer no correlations.
+  // Directions in which the prior has a precision of 1, and the mean answer no correlations.
   const torch::Tensor root = at::linalg_cholesky(prior_.precision);
   const torch::Tensor inverse = at::linalg_inv(root);
   const auto [values, vectors] = at::linalg_eigh(inverse.matmul(precision).matmul(inverse.t()));
-  const torch::Tensor along = vectors.t().matmul(inverse.matmul(information)) / values;
+  const torch::Tensor answer = vectors.t().matmul(inverse.matmul(information)) / values;
+  const torch::Tensor prior = vectors.t().matmul(root.t().matmul(middle));
   torch::Tensor precisions = torch::empty_like(values), means = torch::empty_like(values);
   for (int64_t k = 0; k < values.size(0); ++k) {
-    const Direction all =
-        combined({values[k].item<double>(), along[k].item<double>()}, count * weight);
+    const Direction all = combined({values[k].item<double>(), answer[k].item<double>()},
+                                   prior[k].item<double>(), count * weight);
     precisions[k] = all.precision;
     means[k] = all.mean;
   }

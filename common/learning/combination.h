@@ -14,8 +14,9 @@
 // and n images tell as much as n c would.
 //
 // That is done along the principal axes of the mean answer's precision relative to P. Along one in
-// which the answers are no surer than the prior, or so far from its middle that no Gaussian is, the
-// prior is not taken out: their mean stays.
+// which the answers are no surer than the prior, the prior is not taken out: the mean answer stays.
+// Along the others L is as above, but the mean goes no farther from p than answers to a Gaussian
+// prior do (two standard deviations of their means), unless the mean answer is farther itself.
 #pragma once
 
 #include <span>

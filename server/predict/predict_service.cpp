@@ -103,6 +103,10 @@ uint64_t bytes_of_inputs(const Predictor& predictor, int64_t images) {
   return static_cast<uint64_t>(at_once * side * side * planes) * sizeof(float);
 }
 
+size_t channels_of(const v1::PredictRequest& request) {
+  return std::max(1U, request.channels());
+}
+
 uint64_t bytes_of(const v1::PredictRequest& request) {
   return request.image().size() + request.mask().size();
 }
@@ -116,11 +120,10 @@ class PredictService::Call : public QueuedCall {
       : QueuedCall(service.scheduler_, context, reply), service_(service) {}
 
  protected:
-  // `image`: where no model is named, its channels tell which.
+  // `channels`: of the image, which tell which model where none is named.
   template <typename Request>
-  void find_model(const Request& request, const v1::PredictRequest& image) {
-    predictor_ =
-        service_.models_->find(request.model(), request.version(), std::max(1U, image.channels()));
+  void find_model(const Request& request, size_t channels) {
+    predictor_ = service_.models_->find(request.model(), request.version(), channels);
   }
 
   // `kept`: bytes of all that the call holds beside.
@@ -169,7 +172,7 @@ class PredictService::PredictCall final : public Call {
   void accept(const grpc::ByteBuffer& bytes) override {
     parse_checked(bytes, "request", {}, request_);
     check_sizes(request_, max_pixels());
-    find_model(request_, request_);
+    find_model(request_, channels_of(request_));
   }
 
   grpc::ByteBuffer answer(const std::stop_token& stop) override {
@@ -207,7 +210,7 @@ class PredictService::BatchCall final : public Call {
                               "a time: send fewer, or smaller ones",
                               request_.images_size(), pixels, max_pixels()));
     }
-    find_model(request_, request_.images().empty() ? v1::PredictRequest() : request_.images(0));
+    find_model(request_, request_.images().empty() ? 1 : channels_of(request_.images(0)));
   }
 
   grpc::ByteBuffer answer(const std::stop_token& stop) override {

@@ -176,7 +176,9 @@ TEST_F(PredictCommand, SaysWhichModelIsMissing) {
        {Arguments{testing::kItn, "predict", image(0)}, Arguments{testing::kItnPredictor}}) {
     const Finished finished = run(command);
     EXPECT_EQ(finished.exit_code, 4);
-    EXPECT_THAT(finished.errors, AllOf(HasSubstr(" is missing"), HasSubstr("--model FILE")));
+    const char* const missing =
+        command[0] == testing::kItn ? "any, is missing" : "real, is missing";
+    EXPECT_THAT(finished.errors, AllOf(HasSubstr(missing), HasSubstr("--model FILE")));
   }
   EXPECT_EQ(run({testing::kItn, "models"}).exit_code, 4);
   ship();
@@ -223,6 +225,10 @@ TEST_F(PredictCommand, ChoosesAModelByWhatIsKnownOfThePhotograph) {
   EXPECT_EQ(count(both, "real, step 2"), 3);
   EXPECT_EQ(count(both, "small 1.2"), 1);
   EXPECT_EQ(csv(folder_.path("photographs"), {"--predictor", address}), both);
+  const Finished mixed =
+      run({testing::kItn, "predict", folder_.path("photographs"), "--one-material"});
+  EXPECT_EQ(mixed.exit_code, 3);
+  EXPECT_THAT(mixed.errors, HasSubstr("photographs of one material have the same"));
   EXPECT_THAT(run({testing::kItn, "predict", colour, "--exposure", "2"}).errors,
               HasSubstr("the model real makes nothing of --radiance-scale; --model outdoor does"));
   EXPECT_EQ(run({testing::kItn, "predict", colour, "--matt", "--predictor", address}).exit_code, 2);

@@ -170,7 +170,6 @@ TEST(AugmentationTest, DrawsTheLevelFromItsRangeAndLeavesNoisierImages) {
   EXPECT_TRUE(same.noise.equal(loud.noise));
 }
 
-// Images that are black, whose noise is 0, and that are nothing but noise.
 // Renders in colour have noise that is alike as their media are.
 TEST(AugmentationTest, NoiseOfColoursHasAnyCorrelation) {
   constexpr int64_t kSide = 64, kColours = 3;
@@ -195,6 +194,7 @@ TEST(AugmentationTest, NoiseOfColoursHasAnyCorrelation) {
   }
 }
 
+// Images that are black, whose noise is 0, and that are nothing but noise.
 TEST(AugmentationTest, NoiseLeavesNoNumberThatIsNone) {
   ImageBatch black = images(0);
   black.luminance.fill_(0);

@@ -178,6 +178,36 @@ TEST(Combination, StaysWhereWideAnswersAgree) {
   EXPECT_LT(distance(all.precision, one.precision), 1e-6);
 }
 
+// So they do for an object of another size, of which they say another number.
+TEST(Combination, StaysWhereWideAnswersAgreeAboutOtherSizes) {
+  const v1::Model model = residual_model();
+  const Numbers wide{3, -2, 2, -1, -1, -1, 0, 0, 0};
+  Numbers of_half = wide;
+  of_half[0] += std::log(0.5) / model.standard_deviation(0);
+  const Gaussian all = to_gaussian(
+      Combination(model)(std::vector<ImageAnswer>{{wide, 1}, {of_half, 0.5}, {of_half, 0.5}}));
+  EXPECT_LT(distance(all.mean, to_gaussian(wide).mean), 1e-6);
+}
+
+// Answers that are hardly surer than the prior cannot all be three of its deviations away from its
+// middle, were it a Gaussian.
+TEST(Combination, GoesNoFartherThanAGaussianPriorLets) {
+  const v1::Model model = residual_model();
+  const Combination combination(model);
+  // Four answers that are the prior are the prior.
+  const Numbers sure{0, 0, 0, 3, 3, 3, 0, 0, 0};
+  const Gaussian narrow = to_gaussian(sure);
+  const Gaussian both = to_gaussian(combination(std::vector<ImageAnswer>(2, {sure, 1})));
+  const torch::Tensor prior = 2 * narrow.precision - both.precision;
+  const torch::Tensor middle = at::linalg_solve(
+      prior, 2 * narrow.precision.matmul(narrow.mean) - both.precision.matmul(both.mean));
+  const torch::Tensor deviation = at::linalg_inv(prior).diagonal().sqrt();
+  const Gaussian one{middle + 3 * deviation, 1.1 * prior};
+  const Gaussian all = to_gaussian(combination(std::vector<ImageAnswer>(4, {to_outputs(one), 1})));
+  EXPECT_LT(distance(all.mean, one.mean), 1e-3);
+  EXPECT_LT(distance(all.precision, 1.4 * prior), 1e-3 * prior.max().item<double>());
+}
+
 TEST(Combination, NeedsAModelThatAnswersDistributions) {
   testing::expect_error(ErrorKind::kInvalidInput, {"answers no distributions"},
                         [] { Combination{small_model()}; });
