@@ -51,12 +51,11 @@ std::string matt_model(const PredictOptions& options) {
   return kDefaultGrayModel;
 }
 
-// The model that answers about a photograph.
-std::filesystem::path model_of(const PredictOptions& options, const PredictInput& photograph) {
+// The model that comes with itn for a photograph.
+std::string model_for(const PredictOptions& options, const PredictInput& photograph) {
   const bool in_colour = photograph.channels.size() == 3;
   const bool matt = options.matt || options.flash;
-  return find_model(options.model.value_or(""),
-                    in_colour && !matt ? kDefaultModel : matt_model(options));
+  return in_colour && !matt ? kDefaultModel : matt_model(options);
 }
 
 Predict predictor_of(const PredictOptions& options) {
@@ -67,7 +66,7 @@ Predict predictor_of(const PredictOptions& options) {
   }
   if (options.model) return predictor_here(find_model(*options.model));
   return predictor_here(
-      [&options](const PredictInput& photograph) { return model_of(options, photograph); });
+      [&options](const PredictInput& photograph) { return model_for(options, photograph); });
 }
 
 // --- What became of each ---
@@ -324,7 +323,8 @@ void write_for_people(const PredictOptions& options, const std::optional<v1::Sce
   if (options.report.empty()) return;
   report.swatches = render_swatches(pool, materials_of_1_mm(answer), options.spp, count);
   if (options.predictor.empty()) {
-    report.range = range_of_model(model_of(options, group.loaded.front()));
+    report.range = range_of_model(
+        find_model(options.model.value_or(""), model_for(options, group.loaded.front())));
   }
   report.exports = options.exports;
   progress.finish();

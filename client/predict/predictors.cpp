@@ -12,6 +12,7 @@
 #include "client/rpc/deadline.h"
 #include "common/error.h"
 #include "common/learning/checkpoint.h"
+#include "common/learning/model_files.h"
 #include "common/learning/predict_reply.h"
 #include "common/learning/predictor.h"
 #include "common/rpc/request_id.h"
@@ -161,19 +162,18 @@ Predict predictor_here(const std::filesystem::path& model) {
 }
 
 Predict predictor_here(const ModelOf& model_of) {
-  const auto loaded = std::make_shared<std::map<std::filesystem::path, Predict>>();
-  const auto predict_by = [loaded](const std::filesystem::path& model) -> const Predict& {
-    const auto found = loaded->find(model);
-    return found != loaded->end() ? found->second
-                                  : loaded->emplace(model, predictor_here(model)).first->second;
+  const auto loaded = std::make_shared<std::map<std::string, Predict>>();
+  const auto predict_by = [loaded](const std::string& model) -> const Predict& {
+    Predict& predict = (*loaded)[model];
+    if (!predict) predict = predictor_here(find_model("", model));
+    return predict;
   };
   return [=](std::span<const PredictInput> photographs, bool one_material) {
     if (one_material) return predict_by(model_of(photographs.front()))(photographs, true);
-    return asked_in_rows(
-        photographs, model_of,
-        [&](const std::filesystem::path& model, std::span<const PredictInput> row) {
-          return predict_by(model)(row, false);
-        });
+    return asked_in_rows(photographs, model_of,
+                         [&](const std::string& model, std::span<const PredictInput> row) {
+                           return predict_by(model)(row, false);
+                         });
   };
 }
 

@@ -21,9 +21,9 @@ using Predict = std::function<v1::PredictBatchReply(std::span<const PredictInput
 // By the network in the file or folder `model`. Throws Error as Predictor::load().
 Predict predictor_here(const std::filesystem::path& model);
 
-// By the network in the file or folder that `model_of` finds for each photograph, or, of one
-// material, for the first of them. Throws Error as Predictor::load().
-using ModelOf = std::function<std::filesystem::path(const PredictInput&)>;
+// By the model that comes with itn of the name that `model_of` says for each photograph, or, of one
+// material, for the first of them. Throws Error as find_model() and Predictor::load().
+using ModelOf = std::function<std::string(const PredictInput&)>;
 Predict predictor_here(const ModelOf& model_of);
 
 // What the network in this file or folder can answer, for an object of 1 mm. Throws likewise.

@@ -111,10 +111,11 @@ std::vector<double> Combination::operator()(std::span<const ImageAnswer> answers
   if (answers.size() == 1) return answers.front().outputs;
   const double weight = 1 / (1 + static_cast<double>(answers.size() - 1) * error_correlation_);
   const auto count = static_cast<double>(answers.size());
+  // The means over the images of their answers' precision, of what these say of the distance from
+  // the prior's mean, and of where the prior of an object of that size has its own, from there.
   torch::Tensor precision = torch::zeros_like(prior_.precision);
-  torch::Tensor information =
-      torch::zeros_like(prior_.mean);                     // of the distance to the prior's mean
-  torch::Tensor middle = torch::zeros_like(prior_.mean);  // of the priors, from there
+  torch::Tensor information = torch::zeros_like(prior_.mean);
+  torch::Tensor middle = torch::zeros_like(prior_.mean);
   for (const ImageAnswer& answer : answers) {
     // What is 1 / mm for one object is another number per longest side of another.
     torch::Tensor shift = torch::zeros_like(prior_.mean);

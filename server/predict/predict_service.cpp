@@ -17,6 +17,10 @@
 namespace itn {
 namespace {
 
+size_t channels_of(const v1::PredictRequest& request) {
+  return std::max(1U, request.channels());
+}
+
 constexpr uint32_t kMaxSide = 16384;
 
 // Before anything is allocated.
@@ -42,7 +46,7 @@ void check_sizes(const v1::PredictRequest& request, uint64_t max_pixels) {
                                       values * sizeof(float)));
     }
   };
-  check_bytes("image", request.image(), pixels * std::max(1U, request.channels()));
+  check_bytes("image", request.image(), pixels * channels_of(request));
   check_bytes("mask", request.mask(), pixels);
 }
 
@@ -57,7 +61,7 @@ class RequestPhotograph {
   Photograph view() const {
     return {.width = static_cast<int>(request_.width()),
             .height = static_cast<int>(request_.height()),
-            .channels = static_cast<int>(std::max(1U, request_.channels())),
+            .channels = static_cast<int>(channels_of(request_)),
             .pixels = pixels_,
             .mask = mask_};
   }
@@ -101,10 +105,6 @@ uint64_t bytes_of_inputs(const Predictor& predictor, int64_t images) {
   const int64_t at_once =
       std::min(images * kMaxChannels, predictor.inputs_at_a_time() + kMaxChannels);
   return static_cast<uint64_t>(at_once * side * side * planes) * sizeof(float);
-}
-
-size_t channels_of(const v1::PredictRequest& request) {
-  return std::max(1U, request.channels());
 }
 
 uint64_t bytes_of(const v1::PredictRequest& request) {
