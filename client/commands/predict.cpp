@@ -43,19 +43,17 @@ namespace fs = std::filesystem;
 
 // --- Who is asked ---
 
-// The model that comes with itn for what is known of the light on a thing without gloss.
-std::string matt_model(const PredictOptions& options) {
-  if (options.flash) return "flash";
-  if (options.photographs.gray_card) return "card";
-  if (options.photographs.exposure) return "outdoor";
-  return kDefaultGrayModel;
+// Whether the scale of a photograph's radiance is known. A card tells nothing reliable of one that
+// was encoded for a screen, unless it is said by which curve.
+bool is_scale_known(const PhotographOptions& options, const PredictInput& photograph) {
+  if (options.exposure) return true;
+  return options.gray_card && (!photograph.capture.encoded() || options.reading.is_linear);
 }
 
 // The model that comes with itn for a photograph.
 std::string model_for(const PredictOptions& options, const PredictInput& photograph) {
-  const bool in_colour = photograph.channels.size() == 3;
-  const bool matt = options.matt || options.flash;
-  return in_colour && !matt ? kDefaultModel : matt_model(options);
+  if (photograph.channels.size() == 1 || options.matt) return kDefaultGrayModel;
+  return is_scale_known(options.photographs, photograph) ? kScaleModel : kDefaultModel;
 }
 
 Predict predictor_of(const PredictOptions& options) {
@@ -194,9 +192,8 @@ void check_exports(const PredictOptions& options, const std::vector<std::string>
 
 void check(const PredictOptions& options, const std::vector<std::string>& files) {
   const auto usage = [](const std::string& message) { return Error(ErrorKind::kUsage, message); };
-  if ((options.flash || options.matt) && !options.predictor.empty()) {
-    throw usage(fmt::format("--{} chooses a model here; of a predictor, choose it by --model NAME",
-                            options.flash ? "flash" : "matt"));
+  if (options.matt && !options.predictor.empty()) {
+    throw usage("--matt chooses a model here; of a predictor, choose it by --model NAME");
   }
   const PhotographOptions& photographs = options.photographs;
   if (files.size() > 1 && !photographs.mask.empty() && !fs::is_directory(photographs.mask)) {
@@ -333,18 +330,22 @@ void write_for_people(const PredictOptions& options, const std::optional<v1::Sce
 
 // --- All of it ---
 
-// The default models make nothing of how bright a photograph is, as others that come with itn do.
-// (The one for colours takes the light's colour from a gray card.)
+// The default models make nothing of how bright a photograph is. (The one for colours takes the
+// light's colour from a gray card.)
 void warn_unused_inputs(const PredictOptions& options, const v1::PredictBatchReply& reply) {
-  const bool scale = options.photographs.exposure.has_value();
-  const std::string better = matt_model(options);
-  if (better == kDefaultGrayModel) return;
+  const PhotographOptions& known = options.photographs;
+  if (!known.exposure && !known.gray_card) return;
+  const std::string flag = known.exposure ? "--radiance-scale" : "--gray-card";
   for (const v1::PredictOutcome& outcome : reply.outcomes()) {
     const std::string& by = outcome.reply().model_version().name();
-    if (by != kDefaultGrayModel && !(scale && by == kDefaultModel)) continue;
+    if (by != kDefaultGrayModel && by != kDefaultModel) continue;
     spdlog::warn(
-        "the model {} makes nothing of --{}; --model {} does, of things without gloss{}", by,
-        scale ? "radiance-scale" : "gray-card", better,
+        "{}; --model {} does, of things in colour that are linear, or by the curve of sRGB{}",
+        by == kDefaultModel && known.gray_card
+            ? fmt::format("the model {} takes the light's colour from {}, not how bright it is", by,
+                          flag)
+            : fmt::format("the model {} makes nothing of {}", by, flag),
+        kScaleModel,
         options.predictor.empty() ? "" : ", if the predictor has it (itn models --predictor)");
     return;
   }

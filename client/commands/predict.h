@@ -16,7 +16,6 @@ struct PredictOptions {
   std::vector<std::string> images;  // files and folders
   PhotographOptions photographs;
   bool one_material = false;
-  bool flash = false;
   bool matt = false;
   std::optional<std::string> model;
   std::string predictor;

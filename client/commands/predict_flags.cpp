@@ -40,8 +40,9 @@ void add_photograph_flags(CLI::App& command, PhotographOptions& options) {
   const auto exposure =
       command
           .add_option("--radiance-scale,--exposure", options.exposure,
-                      "The image times this is radiance on the scale of the model's training: for "
-                      "outdoor in W/(m^2 sr) as of sun_sky in scene.proto")
+                      fmt::format("The image times this is radiance on the scale of the model's "
+                                  "training: for {} a white card shows 31.8",
+                                  kScaleModel))
           ->check(number_in(1e-12, 1e12));
   CLI::Option* const card = add_gray_card_flags(command, options);
   card->excludes(exposure);
@@ -109,21 +110,18 @@ void add_predict_command(CLI::App& app) {
                     "answer from all of them together, too");
   command->add_option(
       "--model", options->model,
-      fmt::format("Predict in this process, by a model that itn models lists, a "
-                  "checkpoint or the folder of a run; default: {}. Photographs of one channel, and "
-                  "all with --matt: {}, with --gray-card card, with --radiance-scale outdoor, with "
-                  "--flash flash. With --predictor: by that one of its models (itn models "
-                  "--predictor lists them); default: the predictor's",
-                  kDefaultModel, kDefaultGrayModel));
+      fmt::format(
+          "Predict in this process, by a model that itn models lists, a "
+          "checkpoint or the folder of a run; default: {}; {} where the scale of radiance is "
+          "known, by --gray-card of an image that is linear or whose --encoding is said, or "
+          "by --radiance-scale; {} of photographs of one channel, and of all with --matt. "
+          "With --predictor: by that one of its models (itn models --predictor lists "
+          "them); default: the predictor's",
+          kDefaultModel, kScaleModel, kDefaultGrayModel));
   command
       ->add_flag("--matt", options->matt,
                  "The object has no gloss: light enters and leaves it straight, as in renders "
                  "without a boundary, or seen through crossed polarisers")
-      ->excludes("--model");
-  command
-      ->add_flag("--flash", options->flash,
-                 "The only light is a flash at the camera, and the object has no gloss: by the "
-                 "model flash")
       ->excludes("--model");
   const auto predictor = command->add_option("--predictor", options->predictor,
                                              "HOST:PORT of an itn-predictor to ask");

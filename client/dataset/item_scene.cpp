@@ -299,7 +299,7 @@ namespace {
 template <typename Light>
 Colour white_of_room(const Light& light) {
   Colour white = colour_of_room(light);
-  for (double& value : white) value = (1 + light.ambient() * value) / (1 + light.ambient());
+  for (double& value : white) value = 1 + light.ambient() * value;
   return white;
 }
 

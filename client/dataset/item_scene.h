@@ -18,10 +18,10 @@ void check_item(const v1::DatasetItem& item, const std::string& path);
 // else.
 bool may_be_seen(const v1::Lamp& lamp, const v1::ItemCamera& camera);
 
-// The irradiance of what lights an item, in red, green and blue, over its luminance: what a camera
-// should take for white. The surface faces up; below a studio, a lamp or a flash it faces what
-// lights it, each emitter by itself. `panorama` as below. Throws Error (invalid input) if there is
-// none in some colour.
+// What a white card shows of what lights an item: irradiance in red, green and blue, over the
+// irradiance that the item says, to which a flash and a lamp add what the room sends. The card
+// faces up; below a lamp or a flash it faces that, and a studio's emitters each by itself.
+// `panorama` as below. Throws Error (invalid input) if there is none in some colour.
 std::array<double, 3> white_of(const v1::DatasetItem& item, const v1::Pixels* panorama = nullptr);
 
 // The scene of an item that check_item() lets pass. `triangles`: its shape, as the file in a

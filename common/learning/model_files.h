@@ -9,9 +9,11 @@
 namespace itn {
 
 // Those that predict where no other is named, in any light, and from radiance on any scale: of a
-// photograph in colour, and of one that has one channel.
+// photograph in colour, and of one that has one channel. And the one for photographs in colour
+// whose radiance is on a known scale.
 inline constexpr const char* kDefaultModel = "real";
 inline constexpr const char* kDefaultGrayModel = "any";
+inline constexpr const char* kScaleModel = "card";
 
 struct ShippedModel {
   std::string name;

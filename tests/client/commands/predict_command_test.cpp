@@ -187,53 +187,6 @@ TEST_F(PredictCommand, SaysWhichModelIsMissing) {
   EXPECT_THAT(misspelt.errors, HasSubstr("there are any, real, studio"));
 }
 
-// A photograph of one channel, or of a thing without gloss, has another default model than one in
-// colour, here and by a predictor.
-TEST_F(PredictCommand, ChoosesAModelByWhatIsKnownOfThePhotograph) {
-  ship();
-  const std::string data = folder_.path("colours"), trained = folder_.path("trained");
-  const std::string config = folder_.write(
-      "colours.textproto", "count: 12 resolution: 16 spp: 1 materials { colours {} }");
-  const std::string real = folder_.path("models/real.itn");
-  fs::remove(real);
-  for (const Arguments& command :
-       {Arguments{testing::kItn, "dataset", data, "--config", config, "--test-shapes", "cube"},
-        Arguments{testing::kItn, "train", data, "-o", trained, "--preset", "real", "--batch", "2",
-                  "--base-channels", "4", "--resolution", "16", "--steps", "2"},
-        Arguments{testing::kItn, "export", trained, "-o", real, "--model-name", "real"}}) {
-    const Finished finished = run(command);
-    ASSERT_EQ(finished.exit_code, 0) << finished.errors;
-  }
-  const std::string colour = folder_.path("photographs/colour.exr");
-  fs::create_directories(folder_.path("photographs"));
-  fs::copy(data + "/images/000000.exr", colour);
-  fs::copy(image(0), folder_.path("photographs/gray.exr"));
-  Process predictor({testing::kItnPredictor, "--listen", "127.0.0.1:0", "--log-level", "warning"});
-  const std::string address = predictor.read_line();
-  const auto csv = [&](const std::string& images, const Arguments& flags) {
-    Arguments command{testing::kItn, "predict", images, "--format", "csv"};
-    command.insert(command.end(), flags.begin(), flags.end());
-    const Finished finished = run(command);
-    EXPECT_EQ(finished.exit_code, 0) << finished.errors;
-    return finished.output;
-  };
-  EXPECT_THAT(csv(image(0), {}), AllOf(HasSubstr("small 1.2"), Not(HasSubstr("real"))));
-  EXPECT_EQ(count(csv(colour, {}), "real, step 2"), 3);
-  EXPECT_EQ(count(csv(colour, {"--matt"}), "small 1.2"), 3);
-  EXPECT_EQ(count(csv(colour, {"--model", "studio"}), "small 1.2"), 3);
-  const std::string both = csv(folder_.path("photographs"), {});
-  EXPECT_EQ(count(both, "real, step 2"), 3);
-  EXPECT_EQ(count(both, "small 1.2"), 1);
-  EXPECT_EQ(csv(folder_.path("photographs"), {"--predictor", address}), both);
-  const Finished mixed =
-      run({testing::kItn, "predict", folder_.path("photographs"), "--one-material"});
-  EXPECT_EQ(mixed.exit_code, 3);
-  EXPECT_THAT(mixed.errors, HasSubstr("photographs of one material have the same"));
-  EXPECT_THAT(run({testing::kItn, "predict", colour, "--exposure", "2"}).errors,
-              HasSubstr("the model real makes nothing of --radiance-scale; --model outdoor does"));
-  EXPECT_EQ(run({testing::kItn, "predict", colour, "--matt", "--predictor", address}).exit_code, 2);
-}
-
 // --- Many images ---
 
 TEST_F(PredictCommand, AnswersManyImagesHereAndThereTheSame) {
@@ -348,6 +301,61 @@ class PhotographCommand : public PredictCommand {
   static constexpr int kWidth = 24;
   std::string photo_ = folder_.path("photo.png"), mask_ = folder_.path("mask.png");
 };
+
+// A photograph of one channel, or of a thing without gloss, has another default model than one in
+// colour, here and by a predictor; so has one whose scale of radiance is known, here.
+TEST_F(PhotographCommand, ChoosesAModelByWhatIsKnownOfThePhotograph) {
+  ship();
+  const std::string data = folder_.path("colours"), trained = folder_.path("trained");
+  const std::string config = folder_.write(
+      "colours.textproto", "count: 12 resolution: 16 spp: 1 materials { colours {} }");
+  const std::string real = folder_.path("models/real.itn");
+  fs::remove(real);
+  for (const Arguments& command :
+       {Arguments{testing::kItn, "dataset", data, "--config", config, "--test-shapes", "cube"},
+        Arguments{testing::kItn, "train", data, "-o", trained, "--preset", "real", "--batch", "2",
+                  "--base-channels", "4", "--resolution", "16", "--steps", "2"},
+        Arguments{testing::kItn, "export", trained, "-o", real, "--model-name", "real"}}) {
+    const Finished finished = run(command);
+    ASSERT_EQ(finished.exit_code, 0) << finished.errors;
+  }
+  const std::string colour = folder_.path("photographs/colour.exr");
+  fs::create_directories(folder_.path("photographs"));
+  fs::copy(data + "/images/000000.exr", colour);
+  fs::copy(image(0), folder_.path("photographs/gray.exr"));
+  Process predictor({testing::kItnPredictor, "--listen", "127.0.0.1:0", "--log-level", "warning"});
+  const std::string address = predictor.read_line();
+  const auto csv = [&](const std::string& images, const Arguments& flags) {
+    Arguments command{testing::kItn, "predict", images, "--format", "csv"};
+    command.insert(command.end(), flags.begin(), flags.end());
+    const Finished finished = run(command);
+    EXPECT_EQ(finished.exit_code, 0) << finished.errors;
+    return finished.output;
+  };
+  EXPECT_THAT(csv(image(0), {}), AllOf(HasSubstr("small 1.2"), Not(HasSubstr("real"))));
+  EXPECT_EQ(count(csv(colour, {}), "real, step 2"), 3);
+  EXPECT_EQ(count(csv(colour, {"--matt"}), "small 1.2"), 3);
+  EXPECT_EQ(count(csv(colour, {"--model", "studio"}), "small 1.2"), 3);
+  const std::string both = csv(folder_.path("photographs"), {});
+  EXPECT_EQ(count(both, "real, step 2"), 3);
+  EXPECT_EQ(count(both, "small 1.2"), 1);
+  EXPECT_EQ(csv(folder_.path("photographs"), {"--predictor", address}), both);
+  const Finished mixed =
+      run({testing::kItn, "predict", folder_.path("photographs"), "--one-material"});
+  EXPECT_EQ(mixed.exit_code, 3);
+  EXPECT_THAT(mixed.errors, HasSubstr("photographs of one material have the same"));
+  const std::string of_scale = folder_.path("models/card.itn");
+  ASSERT_EQ(
+      run({testing::kItn, "export", trained, "-o", of_scale, "--model-name", "card"}).exit_code, 0);
+  EXPECT_EQ(count(csv(colour, {"--exposure", "2"}), "card, step 2"), 3);
+  EXPECT_EQ(count(csv(colour, {"--exposure", "2", "--matt"}), "small 1.2"), 3);
+  // What was encoded by a curve that nobody knows has no scale.
+  Arguments card{"--mask", mask_, "--gray-card", "17,2,6,6"};
+  EXPECT_EQ(count(csv(photo_, card), "real, step 2"), 3);
+  card.insert(card.end(), {"--encoding", "srgb"});
+  EXPECT_EQ(count(csv(photo_, card), "card, step 2"), 3);
+  EXPECT_EQ(run({testing::kItn, "predict", colour, "--matt", "--predictor", address}).exit_code, 2);
+}
 
 TEST_F(PhotographCommand, AreReadAndWarnedAbout) {
   const Finished finished = predict({});
@@ -471,7 +479,7 @@ TEST_F(PhotographCommand, SayWhatTheDefaultModelMakesNothingOf) {
       run({testing::kItn, "predict", image(1), "--model", any, "--exposure", "2"});
   EXPECT_EQ(finished.exit_code, 0);
   EXPECT_THAT(finished.errors,
-              HasSubstr("the model any makes nothing of --radiance-scale; --model outdoor does"));
+              HasSubstr("the model any makes nothing of --radiance-scale; --model card does"));
   EXPECT_EQ(run({testing::kItn, "predict", image(1), "--model", model(), "--exposure", "2"}).errors,
             "");
 }

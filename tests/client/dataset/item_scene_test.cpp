@@ -387,9 +387,9 @@ TEST(WhiteOf, IsTheColourOfLampAndRoomTogether) {
   flash.set_ambient(1);
   flash.set_ambient_temperature(3000);
   const std::array<double, 3> warm = colour_of_black_body(3000);
-  for (size_t c = 0; c < 3; ++c) EXPECT_NEAR(white_of(item).at(c), (1 + warm.at(c)) / 2, 1e-12);
+  for (size_t c = 0; c < 3; ++c) EXPECT_NEAR(white_of(item).at(c), 1 + warm.at(c), 1e-12);
   flash.set_temperature(3000);
-  for (const double value : white_of(item)) EXPECT_NEAR(value, 1, 1e-12);
+  for (const double value : white_of(item)) EXPECT_NEAR(value, 2, 1e-12);
   // A soft box alone, then walls alone.
   v1::Studio& studio = *item.mutable_light()->mutable_studio();
   studio.add_emitters()->set_strength(0.3F);
