@@ -2,13 +2,15 @@
 """Trains networks on parts of a dataset, and fits how their errors fall with the number of images.
 
   law.py train DATASET RUNS [--images N ...] [--base-channels N ...] [--seeds N] [--steps N] [--preset NAME]
+               [--test DATASET] [--split SPLIT]
   law.py fit LAW.csv [--picture FILE.png]
 
 `train` makes a run in the folder RUNS for each size, width and seed, continues those that were stopped, evaluates the
-best step of each on the test images, and writes what it has to RUNS/law.csv. `fit` reads such a file (Debian:
+best step of each on the images of the test, and writes what it has to RUNS/law.csv. `fit` reads such a file (Debian:
 python3-numpy; the picture python3-matplotlib). The programs are in the folder ITN_BIN (default: build/release/bin).
 
-Errors are mean absolute errors over that of the best constant. The law is L = floor + c N^-alpha for N images."""
+Errors are mean absolute errors over that of the best constant, and the mean of minus the log-likelihood of the truth.
+The law is L = floor + c N^-alpha for N images."""
 import argparse
 import csv
 import json
@@ -25,9 +27,9 @@ KEYS = ["base_channels", "images", "seed"]
 COLUMNS = KEYS + [*ERRORS, "diffuse_albedo", "ln_diffusion_length", "log_likelihood", "joint_coverage"]
 
 
-def evaluated(run, dataset):
-    answer = subprocess.run([ITN, "evaluate", run / "best.itn", "--dataset", dataset, "--json", "-q"], check=True,
-                            capture_output=True, text=True)
+def evaluated(run, dataset, split):
+    answer = subprocess.run([ITN, "evaluate", run / "best.itn", "--dataset", dataset, "--split", split, "--json",
+                             "-q"], check=True, capture_output=True, text=True)
     row = json.loads(answer.stdout)["rows"][0]
     return {**{name: row["relative_absolute"][name] for name in ERRORS},
             **{name: row[name] for name in COLUMNS[len(KEYS) + len(ERRORS):]}}
@@ -44,7 +46,7 @@ def train(arguments):
                                 "--steps", str(arguments.steps), "--validate-every", str(arguments.steps // 20),
                                 "--network-threads", "1", "-q"], check=True, stdout=subprocess.DEVNULL)
                 rows.append({"base_channels": width, "images": images, "seed": seed,
-                             **evaluated(run, arguments.dataset)})
+                             **evaluated(run, arguments.test or arguments.dataset, arguments.split)})
                 write(arguments.runs / "law.csv", rows)
 
 
@@ -108,11 +110,12 @@ def fit(arguments):
         sizes = sorted(set(images))
         if len(sizes) < 4:
             sys.exit(f"{arguments.file}: {len(sizes)} sizes with {width} base channels; a law takes four")
-        for name in ERRORS:
-            errors = np.array([float(row[name]) for row in chosen])
+        for name in [*ERRORS, "log_likelihood"]:
+            errors = np.array([abs(float(row[name])) for row in chosen])  # log-likelihoods are below 0
             laws = [law(images, errors), *bootstrapped(images, errors)]
             means = [errors[images == size].mean() for size in sizes]
-            curves.append((width, name, sizes, means, laws[0]))
+            if name in ERRORS:
+                curves.append((width, name, sizes, means, laws[0]))
 
             def at(size):
                 return with_interval([floor + c * size ** -alpha for floor, c, alpha in laws])
@@ -158,6 +161,8 @@ def main():
     command.add_argument("--seeds", type=int, default=1)
     command.add_argument("--steps", type=int, default=6000)
     command.add_argument("--preset", default="real")
+    command.add_argument("--test", type=pathlib.Path, help="default: DATASET")
+    command.add_argument("--split", default="test")
     command = commands.add_parser("fit")
     command.add_argument("file", type=pathlib.Path)
     command.add_argument("--picture", type=pathlib.Path)

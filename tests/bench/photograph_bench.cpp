@@ -1,8 +1,8 @@
 // photograph_bench: what defects of photographs do to the answers of trained networks. Renders of a
-// dataset's test split become photographs of 256 x 256 pixels, by a camera of its own that has
-// nothing in common with what networks are trained with (client/training/camera_augmentation.h), go
-// through a file, and are predicted as a user's would be. One row for each defect, and one for a
-// careless photograph that has most of them.
+// dataset, gray or in colour of a right white balance, become photographs of 256 x 256 pixels, by a
+// camera of its own that has nothing in common with what networks are trained with
+// (client/training/camera_augmentation.h), go through a file, and are predicted as a user's would
+// be. One row for each defect, and one for a careless photograph that has most of them.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -33,7 +33,6 @@ namespace itn {
 namespace {
 
 constexpr int kSide = 256;
-constexpr int kNetworkPixel = kSide / 64;  // a pixel of the network, in the photograph's
 constexpr double kPi = std::numbers::pi;
 
 // --- Cameras ---
@@ -58,8 +57,9 @@ struct Row {
   bool other_dataset = false;
 };
 
-const std::vector<Row>& rows() {
-  static const std::vector<Row> kRows = {
+// `network_pixel`: a pixel of the network, in the photograph's.
+std::vector<Row> rows(int network_pixel) {
+  return {
       {"none: linear, gray background", {}},
       {"textured background", {.background = Background::kTextured}},
       {"bright coloured background", {.background = Background::kBright}},
@@ -67,30 +67,29 @@ const std::vector<Row>& rows() {
       {"JPEG of quality 80", {.file = Encoding::kJpeg}},
       {"JPEG, bright background", {.background = Background::kBright, .file = Encoding::kJpeg}},
       {"vignetting cos^4, 31 degrees", {.vignetting = true}},
-      {"blur of half a network pixel", {.blur = 0.5 * kNetworkPixel}},
-      {"blur of a network pixel", {.blur = kNetworkPixel}},
+      {"blur of half a network pixel", {.blur = 0.5 * network_pixel}},
+      {"blur of a network pixel", {.blur = static_cast<double>(network_pixel)}},
       {"filmic curve, decoded as sRGB", {.curve = Curve::kFilmic, .file = Encoding::kPng}},
       {"overexposed by a stop", {.file = Encoding::kPng, .stops = 1}},
       {"mask off by a pixel", {.mask_error = 1}},
-      {"mask off by a network pixel", {.mask_error = kNetworkPixel}},
+      {"mask off by a network pixel", {.mask_error = network_pixel}},
       {"a quarter outside of the frame", {.cut = true}},
       {"careless: several of these",
        {.background = Background::kTextured,
         .vignetting = true,
-        .blur = 0.5 * kNetworkPixel,
+        .blur = 0.5 * network_pixel,
         .curve = Curve::kFilmic,
         .file = Encoding::kJpeg,
-        .mask_error = kNetworkPixel / 2}},
+        .mask_error = network_pixel / 2}},
       {"images that the model is not for", {}, true},
   };
-  return kRows;
 }
 
-// The object alone: luminance times coverage, and coverage.
+// The object alone: radiance of red, green and blue times coverage, and coverage.
 struct Layer {
   cv::Mat radiance, coverage;
-  double mean = 0;        // over the object
-  double highlights = 0;  // 99th percentile over the object
+  double mean = 0;        // over the object and the colours
+  double highlights = 0;  // 99th percentile over the object, of the brightest colour
 };
 
 // A gray image of `side` pixels as one of kSide.
@@ -116,24 +115,30 @@ cv::Mat of_object_alone(const cv::Mat& luminance, const cv::Mat& mask) {
   return result;
 }
 
-Layer layer_of(const DatasetImage& image, int side) {
+// `channels`: of an image, one or three.
+Layer layer_of(const std::vector<DatasetImage>& channels, int side) {
   Layer layer;
-  const cv::Mat mask = square_view(side, image.mask);
-  const cv::Mat product = of_object_alone(square_view(side, image.radiance), mask).mul(mask);
-  layer.radiance = enlarged(side, {product.ptr<float>(), product.total()});
-  layer.coverage = enlarged(side, image.mask);
-  std::vector<float> values;
-  for (int i = 0; i < kSide * kSide; ++i) {
-    if (layer.coverage.ptr<float>()[i] > 0.5F) {
-      values.push_back(layer.radiance.ptr<float>()[i] / layer.coverage.ptr<float>()[i]);
+  const std::vector<float>& on_object = channels.front().mask;
+  const cv::Mat mask = square_view(side, on_object);
+  layer.coverage = enlarged(side, on_object);
+  std::vector<cv::Mat> colours;
+  for (const DatasetImage& channel : channels) {
+    const cv::Mat product = of_object_alone(square_view(side, channel.radiance), mask).mul(mask);
+    colours.push_back(enlarged(side, {product.ptr<float>(), product.total()}));
+    std::vector<float> values;
+    for (int i = 0; i < kSide * kSide; ++i) {
+      const float coverage = layer.coverage.ptr<float>()[i];
+      if (coverage > 0.5F) values.push_back(colours.back().ptr<float>()[i] / coverage);
     }
+    double sum = 0;
+    for (const float value : values) sum += value;
+    layer.mean += sum / static_cast<double>(values.size() * channels.size());
+    const auto high = values.begin() + static_cast<std::ptrdiff_t>(values.size() * 99 / 100);
+    std::nth_element(values.begin(), high, values.end());
+    layer.highlights = std::max(layer.highlights, static_cast<double>(*high));
   }
-  double sum = 0;
-  for (const float value : values) sum += value;
-  layer.mean = sum / static_cast<double>(values.size());
-  const auto high = values.begin() + static_cast<std::ptrdiff_t>(values.size() * 99 / 100);
-  std::nth_element(values.begin(), high, values.end());
-  layer.highlights = *high;
+  if (colours.size() == 1) colours.resize(3, colours.front());
+  cv::merge(colours, layer.radiance);
   return layer;
 }
 
@@ -157,7 +162,7 @@ cv::Mat composite(const Layer& layer, Background background) {
     for (int x = 0; x < kSide; ++x) {
       const float coverage = layer.coverage.at<float>(y, x);
       scene.at<cv::Vec3f>(y, x) =
-          cv::Vec3f::all(layer.radiance.at<float>(y, x)) +
+          layer.radiance.at<cv::Vec3f>(y, x) +
           behind(background, x, y) * ((1 - coverage) * static_cast<float>(layer.mean));
     }
   }
@@ -211,9 +216,16 @@ std::string encoded(const cv::Mat& developed_scene, Encoding encoding) {
   return encoded(kSide, kSide, bytes, encoding);
 }
 
-// Green, as the file's reader sees it.
-std::vector<float> decoded(const std::string& bytes) {
-  return decode_photograph(bytes, "photograph").image.channel("G");
+// As the file's reader sees it.
+cv::Mat decoded(const std::string& bytes) {
+  Image image = decode_photograph(bytes, "photograph").image;
+  std::vector<cv::Mat> colours;
+  for (const char* const name : {"R", "G", "B"}) {
+    colours.emplace_back(kSide, kSide, CV_32F, image.channels.at(name).data());
+  }
+  cv::Mat scene;
+  cv::merge(colours, scene);
+  return scene;
 }
 
 // Wider or narrower, and moved, by so many pixels.
@@ -229,8 +241,8 @@ cv::Mat imprecise(const cv::Mat& mask, int pixels, SplitMix& random) {
   return result;
 }
 
-// A photograph as a user has it: one channel, its mask, and what its radiance must be multiplied by
-// to be that of the scene.
+// A photograph as a user has it: red, green and blue of each pixel, or green alone, its mask, and
+// what its radiance must be multiplied by to be that of the scene.
 struct Taken {
   int width = kSide;
   std::vector<float> pixels, mask;
@@ -248,10 +260,11 @@ void cut(Taken& photograph) {
   int width = kSide;
   for (double lost = 0; width > 1 && lost < sum / 4; --width) lost += columns[width - 1];
   const auto cropped = [&](const std::vector<float>& values) {
+    const size_t channels = values.size() / (size_t{kSide} * kSide);
     std::vector<float> result;
-    for (int y = 0; y < kSide; ++y) {
-      const auto row = values.begin() + std::ptrdiff_t{y} * kSide;
-      result.insert(result.end(), row, row + width);
+    for (size_t y = 0; y < kSide; ++y) {
+      const auto row = values.begin() + static_cast<std::ptrdiff_t>(y * kSide * channels);
+      result.insert(result.end(), row, row + static_cast<std::ptrdiff_t>(width * channels));
     }
     return result;
   };
@@ -263,18 +276,14 @@ void cut(Taken& photograph) {
 // A white card beside the object, which is under 100 W/m^2 in datasets of preset `any`.
 constexpr double kWhiteCard = 100 / kPi;
 
-// `card`: it must not be overexposed either, and tells the scale.
-Taken take(const Layer& layer, const Defects& defects, bool card, uint64_t seed) {
+// `card`: it must not be overexposed either, and tells the scale. `channels`: what is seen of it.
+Taken take(const Layer& layer, const Defects& defects, bool card, size_t channels, uint64_t seed) {
   SplitMix random(seed);
   cv::Mat scene = composite(layer, defects.background);
   if (defects.vignetting) darken_corners(scene);
   if (defects.blur > 0) cv::GaussianBlur(scene, scene, cv::Size(), defects.blur);
   Taken photograph;
-  if (!defects.file) {
-    cv::Mat green;
-    cv::extractChannel(scene, green, 1);
-    photograph.pixels.assign(green.begin<float>(), green.end<float>());
-  } else {
+  if (defects.file) {
     const double exposure =
         exposure_for(defects.curve,
                      card ? std::max(layer.highlights, kWhiteCard) : layer.highlights) *
@@ -284,9 +293,11 @@ Taken take(const Layer& layer, const Defects& defects, bool card, uint64_t seed)
         pixel[c] = static_cast<float>(developed(defects.curve, exposure * pixel[c]));
       }
     });
-    photograph.pixels = decoded(encoded(scene, *defects.file));
+    scene = decoded(encoded(scene, *defects.file));
     photograph.factor = kWhiteCard / developed(defects.curve, exposure * kWhiteCard);
   }
+  if (channels == 1) cv::extractChannel(scene, scene, 1);
+  photograph.pixels.assign(scene.ptr<float>(), scene.ptr<float>() + scene.total() * channels);
   const cv::Mat mask = imprecise(layer.coverage, defects.mask_error, random);
   photograph.mask.assign(mask.begin<float>(), mask.end<float>());
   if (defects.cut) cut(photograph);
@@ -298,32 +309,31 @@ Taken take(const Layer& layer, const Defects& defects, bool card, uint64_t seed)
 struct Options {
   std::vector<std::string> models;
   std::string dataset, other;
+  v1::Split split = v1::SPLIT_TEST;
   std::string rows;  // part of the names of those that are wanted
   size_t images = 0;
   int threads = 1;
 };
 
-// Some images of a dataset's test split.
-LabelledImages test_images(DatasetReader& dataset, size_t count) {
-  LabelledImages images = images_of(dataset, v1::SPLIT_TEST);
-  if (count > 0 && count < images.items.size()) {
-    images.items.resize(count);
-    images.truth.resize(count);
+// Some images of a dataset.
+LabelledImages some_images(DatasetReader& dataset, const Options& options) {
+  LabelledImages images = images_of(dataset, options.split);
+  if (options.images > 0 && options.images < images.items.size()) {
+    images.items.resize(options.images);
+    images.truth.resize(options.images * images.channels);
   }
   return images;
 }
 
-MaterialEstimate answer(Predictor& predictor, Taken photograph) {
+std::vector<MaterialEstimate> answer(Predictor& predictor, Taken photograph, size_t channels) {
   if (predictor.model().exposure() != v1::EXPOSURE_UNKNOWN) {
     for (float& pixel : photograph.pixels) pixel *= static_cast<float>(photograph.factor);
   }
-  return predictor
-      .estimate(Photograph{.width = photograph.width,
-                           .height = kSide,
-                           .channels = 1,
-                           .pixels = photograph.pixels,
-                           .mask = photograph.mask})
-      .front();
+  return predictor.estimate(Photograph{.width = photograph.width,
+                                       .height = kSide,
+                                       .channels = static_cast<int>(channels),
+                                       .pixels = photograph.pixels,
+                                       .mask = photograph.mask});
 }
 
 void print(const char* name, const v1::Evaluation::Row& row) {
@@ -350,21 +360,24 @@ void run(const Options& options) {
     fmt::print(
         "{} on {} images of {}: errors over the constant predictor's, truths in the 90 % "
         "intervals, flagged as outliers\n",
-        predictor.name(), test_images(dataset, options.images).items.size(), options.dataset);
+        predictor.name(), some_images(dataset, options).items.size(), options.dataset);
     fmt::print("{:34} {:>20} {:>20} {:>20}  {:>13}  {:>5}\n", "", "sigma_t", "albedo", "g",
                "coverage", "flag");
-    for (const Row& row : rows()) {
+    for (const Row& row : rows(kSide / static_cast<int>(predictor.model().resolution()))) {
       DatasetReader* const from = row.other_dataset ? other.get() : &dataset;
       if (from == nullptr || std::string(row.name).find(options.rows) == std::string::npos) {
         continue;
       }
-      const LabelledImages images = test_images(*from, options.images);
+      const LabelledImages images = some_images(*from, options);
       std::vector<MaterialEstimate> estimates;
       std::vector<Material> predictions;
       for (size_t i = 0; i < images.items.size(); ++i) {
-        const Layer layer = layer_of(images.read(i), images.resolution);
-        estimates.push_back(answer(predictor, take(layer, row.defects, card, i)));
-        predictions.push_back(estimates.back().material);
+        const Layer layer = layer_of(read_channels(images, i), images.resolution);
+        const Taken photograph = take(layer, row.defects, card, images.channels, i);
+        for (MaterialEstimate& estimate : answer(predictor, photograph, images.channels)) {
+          predictions.push_back(estimate.material);
+          estimates.push_back(std::move(estimate));
+        }
       }
       v1::Evaluation::Row result;
       set_errors(predictions, images, result);
@@ -381,8 +394,14 @@ void run(const Options& options) {
 int main(int argc, char** argv) {
   itn::Options options;
   CLI::App app("What defects of photographs do to the answers of trained networks");
-  app.add_option("dataset", options.dataset, "Dataset whose test split is photographed")
-      ->required();
+  app.add_option("dataset", options.dataset, "Dataset whose images are photographed")->required();
+  app.add_option_function<std::string>(
+         "--split",
+         [&](const std::string& name) {
+           options.split = name == "train" ? itn::v1::SPLIT_TRAIN : itn::v1::SPLIT_TEST;
+         },
+         "Images that are photographed; default: test")
+      ->check(CLI::IsMember({"test", "train"}));
   app.add_option("--model", options.models,
                  "Model by its name or file; several one after the other")
       ->required();
