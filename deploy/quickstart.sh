@@ -36,12 +36,12 @@ step "Find that material from the image, where shape, light and camera are known
   --time-limit 60
 
 step "Read it off the image alone: coarse, with intervals that say how coarse"
-"$bin/itn" predict "$out/cube.exr" --radiance-scale 1 --object-size 1
+"$bin/itn" predict "$out/cube.exr" --object-size 1
 
 step "From a picture of a mug, 95 mm high, to a material for MaterialX, and a page about it"
-"$bin/itn" predict client/examples/mug.jpg --mask client/examples/mug_mask.png --object-size 95 --matt \
+"$bin/itn" predict client/examples/mug.jpg --mask client/examples/mug_mask.png --object-size 95 \
   --report "$out/mug.html" --scene client/examples/mug.textproto
-"$bin/itn" predict client/examples/mug.jpg --mask client/examples/mug_mask.png --object-size 95 --matt \
+"$bin/itn" predict client/examples/mug.jpg --mask client/examples/mug_mask.png --object-size 95 \
   --format openpbr -o "$out/mug.mtlx"
 say "The picture is a render of ours. Look at $out/mug.html: the picture stands beside a render of the answer."
 

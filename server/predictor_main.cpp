@@ -37,8 +37,8 @@ void add_flags(CLI::App& app, PredictorOptions& options) {
                      "or the folder of a run; NAME is by default that name, or the model's "
                      "own. May be given several times; the first that takes a photograph's "
                      "channels answers requests that name none. Default, without --models: {}, "
-                     "and {} for photographs of one channel",
-                     kDefaultModel, kDefaultGrayModel))
+                     "{} for photographs of one channel, and {}",
+                     kDefaultModel, kDefaultGrayModel, kScaleModel))
       ->allow_extra_args(false);
   app.add_option(
       "--models", options.models.folder,
@@ -103,7 +103,7 @@ int run(int argc, char** argv) {
     options.server.max_memory_bytes = options.flags.max_memory_bytes();
     options.server.service.log_calls = true;
     if (options.models.models.empty() && options.models.folder.empty()) {
-      for (const char* const name : {kDefaultModel, kDefaultGrayModel}) {
+      for (const char* const name : {kDefaultModel, kDefaultGrayModel, kScaleModel}) {
         options.models.models.push_back(fmt::format("{}={}", name, find_model("", name).string()));
       }
     }

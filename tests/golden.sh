@@ -63,11 +63,9 @@ render "scale and reflectance" --sigma-t 60 --albedo 0.5 --g -0.3 --spp 32 \
 
 itn dataset work/dataset --count 14 -q >/dev/null
 find work/dataset -name '*.exr' | sort | xargs cat | unversioned | digest "dataset, images"
-for model in any card flash outdoor; do
-  for image in $(find begun/dataset -name '*.exr' | sort); do
-    itn predict "$image" --model "$model" --object-size 1 --json -q 2>/dev/null
-  done | numbers | digest "predict, $model"
-done
+for image in $(find begun/dataset -name '*.exr' | sort); do
+  itn predict "$image" --object-size 1 --json -q 2>/dev/null
+done | numbers | digest "predict"
 itn refine begun/target.exr --scene "$source/client/examples/cube.textproto" --init mean --max-spp 64 \
   --max-iterations 6 -o work/refined -q >/dev/null
 numbers <work/refined/trajectory.jsonl | digest "refine, trajectory"

@@ -38,7 +38,8 @@ void list_shipped() {
                  model.title.empty() ? "(no card)" : model.title,
                  model.name == kDefaultModel       ? " (default)"
                  : model.name == kDefaultGrayModel ? " (default for photographs of one channel)"
-                                                   : "");
+                 : model.name == kScaleModel ? " (default where the scale of radiance is known)"
+                                             : "");
   }
 }
 

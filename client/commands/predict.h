@@ -26,7 +26,7 @@ struct PredictOptions {
   std::string picture;  // a PNG file
   std::string report;   // an HTML file
   std::string scene;    // to render with the answer, for both
-  uint32_t spp = 256;   // of renders for them
+  uint32_t spp = 64;    // of renders for them
   std::string output;   // of exports: a file, or a folder for several; empty: standard output
   ExportOptions exports;
 };
