@@ -333,20 +333,28 @@ void write_for_people(const PredictOptions& options, const std::optional<v1::Sce
 // The default models make nothing of how bright a photograph is. (The one for colours takes the
 // light's colour from a gray card.)
 void warn_unused_inputs(const PredictOptions& options, const v1::PredictBatchReply& reply) {
-  const PhotographOptions& known = options.photographs;
-  if (!known.exposure && !known.gray_card) return;
-  const std::string flag = known.exposure ? "--radiance-scale" : "--gray-card";
+  const bool card = options.photographs.gray_card.has_value();
+  if (!card && !options.photographs.exposure) return;
+  const char* const flag = card ? "--gray-card" : "--radiance-scale";
   for (const v1::PredictOutcome& outcome : reply.outcomes()) {
     const std::string& by = outcome.reply().model_version().name();
-    if (by != kDefaultGrayModel && by != kDefaultModel) continue;
-    spdlog::warn(
-        "{}; --model {} does, of things in colour that are linear, or by the curve of sRGB{}",
-        by == kDefaultModel && known.gray_card
-            ? fmt::format("the model {} takes the light's colour from {}, not how bright it is", by,
-                          flag)
-            : fmt::format("the model {} makes nothing of {}", by, flag),
-        kScaleModel,
-        options.predictor.empty() ? "" : ", if the predictor has it (itn models --predictor)");
+    if (by == kDefaultGrayModel) {
+      spdlog::warn("the model {} makes nothing of {}; {} does, of glossy things in colour", by,
+                   flag, kScaleModel);
+      return;
+    }
+    if (by != kDefaultModel) continue;
+    const std::string remedy =
+        !options.predictor.empty() ? fmt::format(
+                                         "--model {} asks for one that does, if the "
+                                         "predictor has it (itn models --predictor)",
+                                         kScaleModel)
+        : options.model ? fmt::format("--model {} does", kScaleModel)
+                        : std::string(
+                              "if the curve of its numbers is that of sRGB, say "
+                              "--encoding srgb; if they are linear, --encoding linear");
+    spdlog::warn("the model {} makes nothing of how bright the light is by {}{}; {}", by, flag,
+                 card ? ", only of its colour" : "", remedy);
     return;
   }
 }

@@ -99,10 +99,11 @@ void add_predict_command(CLI::App& app) {
   CLI::App* command =
       app.add_subcommand("predict", "Optical parameters of the object in a photograph, or in many");
   command
-      ->add_option("image", options->images,
-                   "Photograph: EXR or Radiance HDR of linear radiance; PNG, JPEG, TIFF, HEIC or "
-                   "WebP, which are taken through the curve of sRGB; -: standard input. Several, "
-                   "or a folder of them: one that cannot be used loses none of the others")
+      ->add_option(
+          "image", options->images,
+          "Photograph: EXR or Radiance HDR of linear radiance; PNG, JPEG, TIFF, HEIC, "
+          "AVIF or WebP, which are taken through the curve of sRGB; -: standard input. Several, "
+          "or a folder of them: one that cannot be used loses none of the others")
       ->required();
   add_photograph_flags(*command, options->photographs);
   command->add_flag("--one-material", options->one_material,

@@ -352,6 +352,11 @@ TEST_F(PhotographCommand, ChoosesAModelByWhatIsKnownOfThePhotograph) {
   // What was encoded by a curve that nobody knows has no scale.
   Arguments card{"--mask", mask_, "--gray-card", "17,2,6,6"};
   EXPECT_EQ(count(csv(photo_, card), "real, step 2"), 3);
+  Arguments command{testing::kItn, "predict", photo_};
+  command.insert(command.end(), card.begin(), card.end());
+  EXPECT_THAT(run(command).errors,
+              HasSubstr("the model real makes nothing of how bright the light "
+                        "is by --gray-card, only of its colour; if the curve"));
   card.insert(card.end(), {"--encoding", "srgb"});
   EXPECT_EQ(count(csv(photo_, card), "card, step 2"), 3);
   EXPECT_EQ(run({testing::kItn, "predict", colour, "--matt", "--predictor", address}).exit_code, 2);
@@ -479,7 +484,7 @@ TEST_F(PhotographCommand, SayWhatTheDefaultModelMakesNothingOf) {
       run({testing::kItn, "predict", image(1), "--model", any, "--exposure", "2"});
   EXPECT_EQ(finished.exit_code, 0);
   EXPECT_THAT(finished.errors,
-              HasSubstr("the model any makes nothing of --radiance-scale; --model card does"));
+              HasSubstr("the model any makes nothing of --radiance-scale; card does"));
   EXPECT_EQ(run({testing::kItn, "predict", image(1), "--model", model(), "--exposure", "2"}).errors,
             "");
 }

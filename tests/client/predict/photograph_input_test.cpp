@@ -247,6 +247,9 @@ TEST_F(PhotographInput, SeesWhatIsLost) {
   options.exposure = 3;
   expect_error(ErrorKind::kInvalidInput, {"photo.png", "--radiance-scale", "linear", "--gray-card"},
                [&] { load_photograph(folder_.path("photo.png"), options); });
+  options.reading.is_linear = false;  // but if its curve is said
+  EXPECT_EQ(load_photograph(folder_.path("photo.png"), options).capture.exposure(), 3);
+  options.reading.is_linear.reset();
   write_exr(folder_.path("linear.exr"), read_photograph(folder_.path("photo.png")).image);
   EXPECT_EQ(load_photograph(folder_.path("linear.exr"), options).capture.exposure(), 3);
 }
