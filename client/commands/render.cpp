@@ -43,9 +43,9 @@
 #include "common/material.h"
 #include "common/printable.h"
 #include "common/render_limits.h"
-#include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/mesh_builder.h"
+#include "common/wire/wire_array.h"
 #include "server/renderer.h"
 
 namespace itn {

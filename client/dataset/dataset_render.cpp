@@ -26,8 +26,8 @@
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/render_limits.h"
-#include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
+#include "common/wire/wire_array.h"
 
 namespace itn {
 namespace fs = std::filesystem;

@@ -12,8 +12,8 @@
 #include "client/files/folder_files.h"
 #include "client/scene/panorama_file.h"
 #include "common/error.h"
-#include "common/rpc/wire_array.h"
 #include "common/scene/scene_bytes.h"
+#include "common/wire/wire_array.h"
 
 namespace itn {
 namespace fs = std::filesystem;

@@ -16,8 +16,8 @@
 #include "client/training/evaluation.h"
 #include "common/geometry/shapes.h"
 #include "common/random.h"
-#include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
+#include "common/wire/wire_array.h"
 
 namespace itn {
 namespace fs = std::filesystem;

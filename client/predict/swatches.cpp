@@ -15,10 +15,10 @@
 #include "client/render_pool/render_query.h"
 #include "common/error.h"
 #include "common/geometry/mesh.h"
-#include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/mesh_builder.h"
 #include "common/scene/scene_bytes.h"
+#include "common/wire/wire_array.h"
 
 namespace itn {
 namespace {

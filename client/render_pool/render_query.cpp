@@ -2,8 +2,8 @@
 
 #include "client/render_pool/render_pool.h"
 #include "common/error.h"
-#include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
+#include "common/wire/wire_array.h"
 
 namespace itn {
 

@@ -11,8 +11,8 @@
 #include "common/error.h"
 #include "common/learning/predict_reply.h"
 #include "common/printable.h"
-#include "common/rpc/wire_array.h"
-#include "server/rpc/wire_check.h"
+#include "common/wire/wire_array.h"
+#include "server/rpc/byte_buffer.h"
 
 namespace itn {
 namespace {

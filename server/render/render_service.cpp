@@ -11,11 +11,11 @@
 
 #include "common/error.h"
 #include "common/rpc/status.h"
-#include "common/rpc/wire_array.h"
 #include "common/scene/scene_bytes.h"
+#include "common/wire/wire_array.h"
 #include "server/render/render_reply.h"
 #include "server/render/weighted_image_loss.h"
-#include "server/rpc/wire_check.h"
+#include "server/rpc/byte_buffer.h"
 #include "server/tracer/scene/value.h"
 
 namespace itn {

@@ -8,7 +8,7 @@
 #include "common/scene/field_check.h"
 #include "common/scene/mesh_builder.h"
 #include "common/scene/scene_bytes.h"
-#include "server/rpc/wire_check.h"
+#include "common/wire/wire_check.h"
 #include "server/scene_compiler/field_reader.h"
 #include "server/scene_compiler/object_builder.h"
 

@@ -18,8 +18,8 @@
 #include "client/render_pool/reply_images.h"
 #include "client/scene/text_proto.h"
 #include "common/random.h"
-#include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
+#include "common/wire/wire_array.h"
 
 namespace itn {
 namespace {

@@ -11,9 +11,9 @@
 #include "client/dataset/plan.h"
 #include "client/image/spectrum.h"
 #include "common/geometry/mesh.h"
-#include "common/rpc/wire_array.h"
 #include "common/scene/mesh_builder.h"
 #include "common/scene/scene_bytes.h"
+#include "common/wire/wire_array.h"
 #include "tests/client/dataset/dataset_support.h"
 #include "tests/support/expect_error.h"
 

@@ -12,8 +12,8 @@
 #include "client/dataset/panorama_set.h"
 #include "client/image/image.h"
 #include "common/random.h"
-#include "common/rpc/wire_array.h"
 #include "common/scene/scene_bytes.h"
+#include "common/wire/wire_array.h"
 #include "tests/client/dataset/dataset_support.h"
 #include "tests/support/temporary_folder.h"
 

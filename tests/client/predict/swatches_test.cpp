@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "client/scene/text_proto.h"
-#include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_bytes.h"
+#include "common/wire/wire_array.h"
 #include "tests/support/expect_error.h"
 
 namespace itn {

@@ -20,8 +20,8 @@
 #include "common/error.h"
 #include "common/rpc/status.h"
 #include "itn/v1/render.grpc.pb.h"
+#include "server/rpc/byte_buffer.h"
 #include "server/rpc/grpc_server.h"
-#include "server/rpc/wire_check.h"
 #include "tests/support/captured_log.h"
 #include "tests/support/process.h"
 

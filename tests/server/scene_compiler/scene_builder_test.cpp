@@ -17,8 +17,8 @@
 
 #include "common/error.h"
 #include "common/geometry/shapes.h"
-#include "common/rpc/wire_array.h"
 #include "common/scene/field_check.h"
+#include "common/wire/wire_array.h"
 #include "server/tracer/render.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/process.h"

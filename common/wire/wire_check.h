@@ -7,12 +7,10 @@
 #include <google/protobuf/message.h>
 
 #include <cstdint>
+#include <functional>
+#include <memory>
 #include <string>
 #include <unordered_map>
-
-namespace grpc {
-class ByteBuffer;
-}
 
 namespace itn {
 
@@ -31,10 +29,11 @@ void check_wire(google::protobuf::io::ZeroCopyInputStream& bytes, uint64_t size,
 // Checks, then parses.
 void parse_checked(const std::string& bytes, const std::string& path, const ElementLimits& limits,
                    google::protobuf::Message& message);
-void parse_checked(const grpc::ByteBuffer& bytes, const std::string& path,
-                   const ElementLimits& limits, google::protobuf::Message& message);
 
-// The reply of a call: serialized into memory that gRPC gives back when it is sent.
-grpc::ByteBuffer serialized(const google::protobuf::Message& message);
+// The same of bytes that are not in one piece: `open` begins to read them, for the check and again
+// for the parser. Where it gives null, they cannot be read, and are no message.
+using OpenStream = std::function<std::unique_ptr<google::protobuf::io::ZeroCopyInputStream>()>;
+void parse_checked(const OpenStream& open, uint64_t size, const std::string& path,
+                   const ElementLimits& limits, google::protobuf::Message& message);
 
 }  // namespace itn

@@ -1,11 +1,9 @@
-#include "server/rpc/wire_check.h"
+#include "common/wire/wire_check.h"
 
 #include <fmt/format.h>
 #include <google/protobuf/io/coded_stream.h>
 #include <google/protobuf/io/zero_copy_stream_impl_lite.h>
 #include <google/protobuf/wire_format_lite.h>
-#include <grpcpp/support/byte_buffer.h>
-#include <grpcpp/support/proto_buffer_reader.h>
 
 #include <limits>
 #include <utility>
@@ -140,6 +138,18 @@ void check_wire(ZeroCopyInputStream& bytes, uint64_t size, const Descriptor& typ
   WireChecker(coded, not_serialized(path, type), limits).check_message(type, path);
 }
 
+void parse_checked(const OpenStream& open, uint64_t size, const std::string& path,
+                   const ElementLimits& limits, Message& message) {
+  const Descriptor& type = *message.GetDescriptor();
+  const auto opened = [&] {
+    std::unique_ptr<ZeroCopyInputStream> stream = open();
+    if (!stream) throw invalid_input(not_serialized(path, type));
+    return stream;
+  };
+  check_wire(*opened(), size, type, path, limits);
+  parse(*opened(), path, message);
+}
+
 void parse_checked(const std::string& bytes, const std::string& path, const ElementLimits& limits,
                    Message& message) {
   using google::protobuf::io::ArrayInputStream;
@@ -147,33 +157,8 @@ void parse_checked(const std::string& bytes, const std::string& path, const Elem
     throw Error(ErrorKind::kLimit, path + " is larger than 2 GiB");
   }
   const int size = static_cast<int>(bytes.size());
-  ArrayInputStream first(bytes.data(), size);
-  check_wire(first, bytes.size(), *message.GetDescriptor(), path, limits);
-  ArrayInputStream second(bytes.data(), size);
-  parse(second, path, message);
-}
-
-void parse_checked(const grpc::ByteBuffer& bytes, const std::string& path,
-                   const ElementLimits& limits, Message& message) {
-  grpc::ByteBuffer copy = bytes;  // of the references; the reader wants them not const
-  const auto read = [&](auto&& use) {
-    grpc::ProtoBufferReader reader(&copy);
-    if (!reader.status().ok()) throw invalid_input(not_serialized(path, *message.GetDescriptor()));
-    use(reader);
-  };
-  read([&](ZeroCopyInputStream& stream) {
-    check_wire(stream, copy.Length(), *message.GetDescriptor(), path, limits);
-  });
-  read([&](ZeroCopyInputStream& stream) { parse(stream, path, message); });
-}
-
-grpc::ByteBuffer serialized(const Message& message) {
-  const size_t size = message.ByteSizeLong();
-  grpc::Slice slice(size);
-  // gRPC shows a slice as not to be written; this one is ours alone.
-  auto* const begin = const_cast<uint8_t*>(slice.begin());
-  message.SerializeWithCachedSizesToArray(begin);
-  return {&slice, 1};
+  parse_checked([&] { return std::make_unique<ArrayInputStream>(bytes.data(), size); },
+                bytes.size(), path, limits, message);
 }
 
 }  // namespace itn
