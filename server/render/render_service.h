@@ -7,10 +7,10 @@
 #include <string>
 
 #include "itn/v1/render.grpc.pb.h"
+#include "server/render/request_render.h"
 #include "server/render/scene_cache.h"
 #include "server/rpc/metrics.h"
 #include "server/rpc/queued_call.h"
-#include "server/scene_compiler/request_builder.h"
 
 namespace itn {
 
@@ -62,6 +62,7 @@ class RenderService final
 
   const RenderServiceOptions options_;
   SceneCache cache_;
+  const RenderMeans means_;
   CallScheduler scheduler_;  // last: its threads use what is above
 };
 
