@@ -45,7 +45,7 @@
 #include "common/render_limits.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/mesh_builder.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "server/renderer.h"
 
 namespace itn {

@@ -15,7 +15,7 @@
 #include "client/scene/text_proto.h"
 #include "common/error.h"
 #include "common/files/read_file.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 
 namespace itn {
 namespace fs = std::filesystem;

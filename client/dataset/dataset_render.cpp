@@ -27,7 +27,7 @@
 #include "common/files/atomic_file.h"
 #include "common/render_limits.h"
 #include "common/scene/material_proto.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 
 namespace itn {
 namespace fs = std::filesystem;

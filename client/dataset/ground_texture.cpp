@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "common/random.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 
 namespace itn {
 namespace {

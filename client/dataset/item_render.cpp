@@ -8,7 +8,7 @@
 #include "client/render_pool/shared_colours.h"
 #include "common/random.h"
 #include "common/scene/material_proto.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 
 namespace itn {
 namespace {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "common/luminance.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 
 namespace itn {
 namespace {

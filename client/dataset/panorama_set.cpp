@@ -13,7 +13,7 @@
 #include "client/scene/panorama_file.h"
 #include "common/error.h"
 #include "common/scene/scene_bytes.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 
 namespace itn {
 namespace fs = std::filesystem;

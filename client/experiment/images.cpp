@@ -17,7 +17,7 @@
 #include "common/geometry/shapes.h"
 #include "common/random.h"
 #include "common/scene/material_proto.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 
 namespace itn {
 namespace fs = std::filesystem;

@@ -17,7 +17,7 @@
 #include "common/learning/predictor.h"
 #include "common/rpc/request_id.h"
 #include "common/rpc/status.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "itn/v1/predict.grpc.pb.h"
 
 namespace itn {

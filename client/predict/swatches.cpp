@@ -18,7 +18,7 @@
 #include "common/scene/material_proto.h"
 #include "common/scene/mesh_builder.h"
 #include "common/scene/scene_bytes.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 
 namespace itn {
 namespace {

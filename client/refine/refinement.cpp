@@ -14,7 +14,7 @@
 #include "common/error.h"
 #include "common/random.h"
 #include "common/render_limits.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 
 namespace itn {
 namespace {

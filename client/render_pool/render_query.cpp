@@ -3,7 +3,7 @@
 #include "client/render_pool/render_pool.h"
 #include "common/error.h"
 #include "common/scene/material_proto.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 
 namespace itn {
 

@@ -7,7 +7,7 @@
 #include "client/render_pool/reply_images.h"
 #include "client/render_pool/tiles.h"
 #include "common/error.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 
 namespace itn {
 namespace {

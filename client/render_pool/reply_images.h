@@ -10,7 +10,7 @@
 #include <fmt/format.h>
 
 #include "common/render_estimate.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "itn/v1/render.pb.h"
 
 namespace itn {

@@ -16,7 +16,7 @@
 #include "client/image/srgb.h"
 #include "common/error.h"
 #include "common/files/read_file.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 
 namespace itn {
 

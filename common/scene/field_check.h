@@ -12,8 +12,8 @@
 
 #include "common/error.h"
 #include "common/fields.h"
+#include "common/scene/wire_array.h"
 #include "common/vec.h"
-#include "common/wire/wire_array.h"
 #include "itn/v1/scene.pb.h"
 
 namespace itn {

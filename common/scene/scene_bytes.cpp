@@ -8,7 +8,7 @@
 #include <limits>
 
 #include "common/error.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 
 namespace itn {
 namespace {

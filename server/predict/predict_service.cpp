@@ -11,7 +11,7 @@
 #include "common/error.h"
 #include "common/learning/predict_reply.h"
 #include "common/printable.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "server/rpc/byte_buffer.h"
 
 namespace itn {

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "common/error.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "server/render/weighted_image_loss.h"
 
 namespace itn {

@@ -8,7 +8,7 @@
 
 #include "common/error.h"
 #include "common/scene/scene_bytes.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "server/render/render_reply.h"
 #include "server/render/weighted_image_loss.h"
 #include "server/tracer/scene/value.h"

@@ -6,7 +6,7 @@
 
 #include <string>
 
-#include "common/wire/wire_check.h"
+#include "server/wire/wire_check.h"
 
 namespace itn {
 

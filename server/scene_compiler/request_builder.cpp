@@ -11,7 +11,7 @@
 #include "common/scene/derivative_count.h"
 #include "common/scene/field_check.h"
 #include "common/scene/material_proto.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "server/scene_compiler/field_reader.h"
 #include "server/tracer/film/film.h"
 

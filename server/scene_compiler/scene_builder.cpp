@@ -8,9 +8,9 @@
 #include "common/scene/field_check.h"
 #include "common/scene/mesh_builder.h"
 #include "common/scene/scene_bytes.h"
-#include "common/wire/wire_check.h"
 #include "server/scene_compiler/field_reader.h"
 #include "server/scene_compiler/object_builder.h"
+#include "server/wire/wire_check.h"
 
 namespace itn {
 namespace {

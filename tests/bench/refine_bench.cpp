@@ -19,7 +19,7 @@
 #include "client/scene/text_proto.h"
 #include "common/random.h"
 #include "common/scene/material_proto.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 
 namespace itn {
 namespace {

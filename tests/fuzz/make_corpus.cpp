@@ -21,7 +21,7 @@
 #include "common/files/atomic_file.h"
 #include "common/geometry/shapes.h"
 #include "common/learning/checkpoint.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "itn/v1/predict.pb.h"
 #include "tests/bench/photograph_encoding.h"
 #include "tests/common/learning/model_for_tests.h"

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "itn/v1/predict.pb.h"
 
 namespace itn::testing {

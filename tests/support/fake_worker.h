@@ -16,7 +16,7 @@
 #include <utility>
 #include <vector>
 
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "itn/v1/render.grpc.pb.h"
 
 namespace itn::testing {

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "itn/v1/render.pb.h"
 #include "itn/v1/scene.pb.h"
 

@@ -18,7 +18,7 @@
 #include "client/files/folder_lock.h"
 #include "client/image/attributes.h"
 #include "client/image/image.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "tests/client/dataset/dataset_support.h"
 
 namespace itn {

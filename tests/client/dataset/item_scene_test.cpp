@@ -13,7 +13,7 @@
 #include "common/geometry/mesh.h"
 #include "common/scene/mesh_builder.h"
 #include "common/scene/scene_bytes.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "tests/client/dataset/dataset_support.h"
 #include "tests/support/expect_error.h"
 

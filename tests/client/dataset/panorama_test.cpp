@@ -13,7 +13,7 @@
 #include "client/image/image.h"
 #include "common/random.h"
 #include "common/scene/scene_bytes.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "tests/client/dataset/dataset_support.h"
 #include "tests/support/temporary_folder.h"
 

@@ -8,8 +8,8 @@
 #include "client/image/spectrum.h"
 #include "client/scene/text_proto.h"
 #include "common/angle.h"
+#include "common/scene/wire_array.h"
 #include "common/vec.h"
-#include "common/wire/wire_array.h"
 #include "server/tracer/lights/lights.h"
 #include "tests/client/dataset/dataset_support.h"
 

@@ -8,7 +8,7 @@
 #include "client/scene/text_proto.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_bytes.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "tests/support/expect_error.h"
 
 namespace itn {

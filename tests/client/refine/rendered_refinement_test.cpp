@@ -9,7 +9,7 @@
 #include "client/render_pool/render_pool.h"
 #include "client/scene/text_proto.h"
 #include "common/scene/material_proto.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "tests/support/statistics.h"
 
 namespace itn {

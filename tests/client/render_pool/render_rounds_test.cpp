@@ -10,7 +10,7 @@
 
 #include "client/render_pool/render_pool.h"
 #include "client/render_pool/reply_images.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "tests/support/scenes.h"
 
 namespace itn {

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "tests/support/scenes.h"
 
 namespace itn {

@@ -13,7 +13,7 @@
 #include "client/image/srgb.h"
 #include "common/error.h"
 #include "common/logging.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "tests/support/captured_log.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_folder.h"

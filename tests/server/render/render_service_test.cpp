@@ -26,7 +26,7 @@
 #include "common/luminance.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_bytes.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "itn/v1/render.grpc.pb.h"
 #include "server/render/render_reply.h"
 #include "server/render/render_server.h"

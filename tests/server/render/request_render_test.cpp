@@ -9,7 +9,7 @@
 
 #include "common/error.h"
 #include "common/scene/scene_bytes.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/scenes.h"
 

@@ -18,7 +18,7 @@
 #include "common/error.h"
 #include "common/geometry/shapes.h"
 #include "common/scene/field_check.h"
-#include "common/wire/wire_array.h"
+#include "common/scene/wire_array.h"
 #include "server/tracer/render.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/process.h"

@@ -1,4 +1,4 @@
-#include "common/wire/wire_check.h"
+#include "server/wire/wire_check.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

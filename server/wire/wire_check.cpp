@@ -1,4 +1,4 @@
-#include "common/wire/wire_check.h"
+#include "server/wire/wire_check.h"
 
 #include <fmt/format.h>
 #include <google/protobuf/io/coded_stream.h>
