@@ -51,8 +51,7 @@ inline CLI::Option* add_gray_card_flags(CLI::App& app, PhotographOptions& option
       "--gray-card",
       [&options](const std::string& text) { options.gray_card = parsed_rectangle(text); },
       "X,Y,W,H: pixels of a gray card beside the object; by one lamp or a flash alone it faces "
-      "that, "
-      "else it lies flat and faces up");
+      "that, else it lies flat and faces up");
   app.add_option("--gray-reflectance,--gray", options.gray, "Reflectance of the gray card")
       ->transform(kPercentToPart)
       ->check(number_in(0.01, 1.0))

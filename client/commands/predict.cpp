@@ -47,7 +47,7 @@ namespace fs = std::filesystem;
 // was encoded for a screen, unless it is said by which curve.
 bool is_scale_known(const PhotographOptions& options, const PredictInput& photograph) {
   if (options.exposure) return true;
-  return options.gray_card && (!photograph.capture.encoded() || options.reading.is_linear);
+  return options.gray_card && options.reading.knows_curve(photograph.capture.encoded());
 }
 
 // The model that comes with itn for a photograph.
@@ -330,6 +330,18 @@ void write_for_people(const PredictOptions& options, const std::optional<v1::Sce
 
 // --- All of it ---
 
+// What brings the model that knows how bright the light is, where the default one answered.
+std::string remedy_for_scale(const PredictOptions& options) {
+  if (!options.predictor.empty()) {
+    return fmt::format(
+        "--model {} asks for one that does, if the predictor has it (itn models --predictor)",
+        kScaleModel);
+  }
+  if (options.model) return fmt::format("--model {} does", kScaleModel);
+  return "if the curve of its numbers is that of sRGB, say --encoding srgb; if they are linear, "
+         "--encoding linear";
+}
+
 // The default models make nothing of how bright a photograph is. (The one for colours takes the
 // light's colour from a gray card.)
 void warn_unused_inputs(const PredictOptions& options, const v1::PredictBatchReply& reply) {
@@ -343,19 +355,11 @@ void warn_unused_inputs(const PredictOptions& options, const v1::PredictBatchRep
                    flag, kScaleModel);
       return;
     }
-    if (by != kDefaultModel) continue;
-    const std::string remedy =
-        !options.predictor.empty() ? fmt::format(
-                                         "--model {} asks for one that does, if the "
-                                         "predictor has it (itn models --predictor)",
-                                         kScaleModel)
-        : options.model ? fmt::format("--model {} does", kScaleModel)
-                        : std::string(
-                              "if the curve of its numbers is that of sRGB, say "
-                              "--encoding srgb; if they are linear, --encoding linear");
-    spdlog::warn("the model {} makes nothing of how bright the light is by {}{}; {}", by, flag,
-                 card ? ", only of its colour" : "", remedy);
-    return;
+    if (by == kDefaultModel) {
+      spdlog::warn("the model {} makes nothing of how bright the light is by {}{}; {}", by, flag,
+                   card ? ", only of its colour" : "", remedy_for_scale(options));
+      return;
+    }
   }
 }
 

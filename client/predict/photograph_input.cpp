@@ -332,12 +332,11 @@ MarkedPhotograph read_marked(const std::string& file, const PhotographOptions& o
   const PhotographContent& content = marked.content;
   marked.pixels = pixels_of(content);
   warn_if_taken_for_srgb(content.file, file);
-  if (options.exposure && content.file.encoded && !options.reading.is_linear) {
+  if (options.exposure && !options.reading.knows_curve(content.file.encoded)) {
     throw invalid_input(fmt::format(
         "{}: a scale of radiance (--radiance-scale) is for linear images; this one is encoded for "
         "a screen, by a curve and an exposure that nobody knows. Leave the scale out, put a gray "
-        "card "
-        "beside the object (--gray-card), or say the curve (--encoding)",
+        "card beside the object (--gray-card), or say the curve (--encoding)",
         file));
   }
   marked.mask = mask_of(content, file, options);

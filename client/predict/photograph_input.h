@@ -20,6 +20,9 @@ struct PixelRectangle {
 struct FileReading {
   std::optional<bool> is_linear;  // whether integers are linear, or sRGB; absent: as the file says
   std::string layer;              // of an OpenEXR file; empty: radiance_channels()
+
+  // Whether the curve from light to a file's numbers is known: there is none, or it was said.
+  bool knows_curve(bool encoded) const { return !encoded || is_linear.has_value(); }
 };
 
 // A photograph's file, of whose radiance nothing is negative: raw developments leave such pixels,

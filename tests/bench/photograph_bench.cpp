@@ -245,6 +245,7 @@ cv::Mat imprecise(const cv::Mat& mask, int pixels, SplitMix& random) {
 // what its radiance must be multiplied by to be that of the scene.
 struct Taken {
   int width = kSide;
+  size_t channels = 3;
   std::vector<float> pixels, mask;
   double factor = 1;
 };
@@ -259,8 +260,7 @@ void cut(Taken& photograph) {
   }
   int width = kSide;
   for (double lost = 0; width > 1 && lost < sum / 4; --width) lost += columns[width - 1];
-  const auto cropped = [&](const std::vector<float>& values) {
-    const size_t channels = values.size() / (size_t{kSide} * kSide);
+  const auto cropped = [&](const std::vector<float>& values, size_t channels) {
     std::vector<float> result;
     for (size_t y = 0; y < kSide; ++y) {
       const auto row = values.begin() + static_cast<std::ptrdiff_t>(y * kSide * channels);
@@ -268,8 +268,8 @@ void cut(Taken& photograph) {
     }
     return result;
   };
-  photograph.pixels = cropped(photograph.pixels);
-  photograph.mask = cropped(photograph.mask);
+  photograph.pixels = cropped(photograph.pixels, photograph.channels);
+  photograph.mask = cropped(photograph.mask, 1);
   photograph.width = width;
 }
 
@@ -282,7 +282,7 @@ Taken take(const Layer& layer, const Defects& defects, bool card, size_t channel
   cv::Mat scene = composite(layer, defects.background);
   if (defects.vignetting) darken_corners(scene);
   if (defects.blur > 0) cv::GaussianBlur(scene, scene, cv::Size(), defects.blur);
-  Taken photograph;
+  Taken photograph{.channels = channels, .pixels = {}, .mask = {}};
   if (defects.file) {
     const double exposure =
         exposure_for(defects.curve,
@@ -325,13 +325,13 @@ LabelledImages some_images(DatasetReader& dataset, const Options& options) {
   return images;
 }
 
-std::vector<MaterialEstimate> answer(Predictor& predictor, Taken photograph, size_t channels) {
+std::vector<MaterialEstimate> answer(Predictor& predictor, Taken photograph) {
   if (predictor.model().exposure() != v1::EXPOSURE_UNKNOWN) {
     for (float& pixel : photograph.pixels) pixel *= static_cast<float>(photograph.factor);
   }
   return predictor.estimate(Photograph{.width = photograph.width,
                                        .height = kSide,
-                                       .channels = static_cast<int>(channels),
+                                       .channels = static_cast<int>(photograph.channels),
                                        .pixels = photograph.pixels,
                                        .mask = photograph.mask});
 }
@@ -373,8 +373,8 @@ void run(const Options& options) {
       std::vector<Material> predictions;
       for (size_t i = 0; i < images.items.size(); ++i) {
         const Layer layer = layer_of(read_channels(images, i), images.resolution);
-        const Taken photograph = take(layer, row.defects, card, images.channels, i);
-        for (MaterialEstimate& estimate : answer(predictor, photograph, images.channels)) {
+        Taken photograph = take(layer, row.defects, card, images.channels, i);
+        for (MaterialEstimate& estimate : answer(predictor, std::move(photograph))) {
           predictions.push_back(estimate.material);
           estimates.push_back(std::move(estimate));
         }
