@@ -163,3 +163,9 @@ function(itn_avx2_test name program filter)
   set_tests_properties(avx2.${name} PROPERTIES LABELS isa TIMEOUT 300
     ENVIRONMENT "DNNL_MAX_CPU_ISA=AVX2;ATEN_CPU_CAPABILITY=avx2;TEST_TMPDIR=${files}")
 endfunction()
+
+# itn_no_grpc_test(program): what the program is made of does not bring gRPC into it.
+function(itn_no_grpc_test program)
+  add_test(NAME ${program}.needs_no_grpc COMMAND sh -c "! ldd $<TARGET_FILE:${program}> | grep grpc")
+  set_tests_properties(${program}.needs_no_grpc PROPERTIES LABELS unit)
+endfunction()

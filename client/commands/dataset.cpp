@@ -146,7 +146,7 @@ DatasetPlan plan_of(const DatasetOptions& options, v1::DatasetSummary& summary) 
   return plan_dataset(config, shapes.shapes, panoramas.panoramas);
 }
 
-DatasetProgress render(const DatasetOptions& options, DatasetPlan plan, RenderPool& pool) {
+DatasetProgress render(const DatasetOptions& options, DatasetPlan plan, JobRenderer& pool) {
   std::optional<Progress> progress;
   const DatasetProgress result = render_dataset(
       std::move(plan), options.folder, pool,

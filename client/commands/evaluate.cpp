@@ -116,7 +116,7 @@ std::vector<EvaluatedRow> candidates_of(const EvaluateOptions& options,
 // Renders some of the images again with every candidate's predictions.
 void add_image_errors(const EvaluateOptions& options, const LabelledImages& images,
                       const std::vector<EvaluatedRow>& candidates, DatasetReader& dataset,
-                      RenderPool& pool, v1::Evaluation& evaluation) {
+                      JobRenderer& pool, v1::Evaluation& evaluation) {
   const std::vector<uint32_t> chosen = spread(options.rerender, images.items.size());
   const bool in_colour = images.channels == 3;
   const size_t spheres = in_colour ? chosen.size() * (candidates.size() + 1) : 0;
@@ -143,7 +143,7 @@ void add_image_errors(const EvaluateOptions& options, const LabelledImages& imag
 
 // Draws the errors of the first checkpoint.
 void write_picture(const EvaluateOptions& options, const LabelledImages& images,
-                   const EvaluatedRow& candidate, DatasetReader& dataset, RenderPool& pool) {
+                   const EvaluatedRow& candidate, DatasetReader& dataset, JobRenderer& pool) {
   std::vector<PanelRow> rows;
   for (const size_t i : spread(options.picture_items, images.items.size())) {
     const std::vector<DatasetImage> channels = read_channels(images, i);

@@ -43,7 +43,7 @@ struct Variant {
 // The radiance by variant, estimate and pixel. Images of colours stand one below the other.
 std::vector<std::vector<std::vector<float>>> rendered(std::span<const Variant> variants,
                                                       uint32_t spp, uint32_t estimates,
-                                                      uint64_t seed, RenderPool& pool) {
+                                                      uint64_t seed, JobRenderer& pool) {
   std::vector<RenderQuery> queries;
   std::vector<size_t> variant_of;
   for (size_t i = 0; i < variants.size(); ++i) {
@@ -108,7 +108,7 @@ struct Changes {
   // `surface`: planes of what is seen, by pixel (client/fit/disturbances.h).
   Disturbances planes(const std::vector<float>& mask, int width,
                       const std::vector<std::vector<float>>& surface, const FitOptions& options,
-                      RenderPool& pool) const {
+                      JobRenderer& pool) const {
     if (variants.empty()) return {};
     constexpr uint32_t kSpp = 128, kEstimates = 4;
     const size_t colours = variants.front().materials.size();
@@ -271,7 +271,8 @@ class LightSearch {
  public:
   // `mask`: pixels that count.
   LightSearch(const FitPhotograph& photograph, std::vector<float> mask, const Mesh& mesh,
-              const Pose& pose, const v1::Scene& scene, const FitOptions& options, RenderPool& pool)
+              const Pose& pose, const v1::Scene& scene, const FitOptions& options,
+              JobRenderer& pool)
       : radiance_(radiance_of(photograph.image, photograph.channels, v1::Film::LUMINANCE)),
         mask_(std::move(mask)),
         mesh_(mesh),
@@ -388,7 +389,7 @@ class LightSearch {
   const bool is_turn_said_;
   const v1::Scene& scene_;
   const FitOptions& options_;
-  RenderPool& pool_;
+  JobRenderer& pool_;
 };
 
 // ---- The pose --------------------------------------------------------------------------------
@@ -436,7 +437,7 @@ Material of_similar_light(const Material& material, double g) {
 }
 
 FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v1::Scene& scene,
-                      const FitOptions& options, RenderPool& pool) {
+                      const FitOptions& options, JobRenderer& pool) {
   const Renderer renderer = rendered_by(pool, interruption());
   const bool is_turned =
       !is_by_flash(options) && (!photograph.panorama_turn || finds_elevation(options));
@@ -521,7 +522,7 @@ FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v
 
 Disturbances disturbances_of(const FitPhotograph& photograph, const Mesh& mesh,
                              const FoundStand& found, const v1::Scene& scene,
-                             const FitOptions& options, RenderPool& pool) {
+                             const FitOptions& options, JobRenderer& pool) {
   // So many standard deviations from the middle, that the noise is small beside the difference.
   constexpr double kFar = 2;
   const Pose& pose = found.stand.pose;
@@ -556,7 +557,7 @@ Disturbances disturbances_of(const FitPhotograph& photograph, const Mesh& mesh,
 
 Disturbances disturbances_of_g(const v1::Scene& scene, const std::vector<Material>& materials,
                                const std::vector<float>& mask, const FitOptions& options,
-                               RenderPool& pool) {
+                               JobRenderer& pool) {
   Changes changes;
   changes.add_other_g(scene, materials, options);
   return changes.planes(mask, static_cast<int>(scene.film().width()),

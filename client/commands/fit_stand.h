@@ -9,7 +9,7 @@
 #include "client/commands/fit_photograph.h"
 #include "client/fit/pose_search.h"
 #include "client/refine/observation.h"
-#include "client/render_pool/render_pool.h"
+#include "client/render/job_renderer.h"
 #include "common/material.h"
 
 namespace itn {
@@ -31,18 +31,18 @@ using Disturbances = std::vector<std::vector<std::vector<float>>>;
 // `scene`: as scene_of() has it, with its files loaded. Throws Error (invalid input) if the shape
 // fits the mask nowhere, or no pixel shows the object alone; (cancelled); what the pool throws.
 FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v1::Scene& scene,
-                      const FitOptions& options, RenderPool& pool);
+                      const FitOptions& options, JobRenderer& pool);
 
 // What errors of the stand do to the photograph, and a g that is another. Throws as find_stand().
 Disturbances disturbances_of(const FitPhotograph& photograph, const Mesh& mesh,
                              const FoundStand& found, const v1::Scene& scene,
-                             const FitOptions& options, RenderPool& pool);
+                             const FitOptions& options, JobRenderer& pool);
 
 // The same of a scene that is given, with the object where it stands: of another g alone. `mask`:
 // pixels of its film.
 Disturbances disturbances_of_g(const v1::Scene& scene, const std::vector<Material>& materials,
                                const std::vector<float>& mask, const FitOptions& options,
-                               RenderPool& pool);
+                               JobRenderer& pool);
 
 // Adds channels that itn refine reads.
 void add_disturbances(const Disturbances& disturbances, Image& image);

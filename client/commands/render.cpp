@@ -28,12 +28,11 @@
 #include "client/object_media.h"
 #include "client/output.h"
 #include "client/progress.h"
+#include "client/render/image_render.h"
+#include "client/render/render_rounds.h"
+#include "client/render/reply_images.h"
+#include "client/render/tiles.h"
 #include "client/render_pool/render_pool.h"
-#include "client/render_pool/render_query.h"
-#include "client/render_pool/render_rounds.h"
-#include "client/render_pool/reply_images.h"
-#include "client/render_pool/shared_colours.h"
-#include "client/render_pool/tiles.h"
 #include "client/scene/scene_file.h"
 #include "client/scene/text_proto.h"
 #include "common/error.h"
@@ -59,20 +58,9 @@ struct RenderFlags {
   double picture_exposure = 0;  // in stops
   bool alpha = false;
   std::string film;
-  std::string material;    // a measured one; then sigma_t, albedo and g follow from it
-  double object_size = 0;  // 0: as in the scene
-  std::vector<double> sigma_t, albedo, g;  // one each, or those of R, G and B
-  bool color = false;
-  std::string phase;
-  uint32_t spp = 64;
+  ImageRequest image;
+  std::string phase, pixels = "all", tracer = "wavefront";
   double noise = 0, seconds = 0;  // see RenderGoal
-  uint64_t seed = 0;
-  std::vector<std::string> derivatives;
-  std::vector<SceneValue> values;  // of the scene, instead of those of its file
-  uint32_t estimates = 1;
-  uint32_t pilot_spp = 0;
-  std::string pixels = "all";
-  std::string tracer = "wavefront";
   WorkerFlags workers;
   bool json = false;
 };
@@ -107,6 +95,14 @@ const CLI::Validator kTimeToSeconds(
       return text + " is not a time, as 10s, 2m or 1h";
     },
     "", "");
+
+// What flags say in words.
+void read_words(RenderFlags& options) {
+  ImageRequest& image = options.image;
+  if (options.pixels == "object") image.pixels = v1::OBJECT_PIXELS;
+  if (options.tracer == "reference") image.tracer = v1::REFERENCE;
+  if (!options.phase.empty()) parse_text_proto(options.phase, "--phase", image.phase.emplace());
+}
 
 // ---- Where results go ------------------------------------------------------------------------
 
@@ -144,17 +140,17 @@ void check_outputs(const RenderFlags& options) {
 
 // Flags that are right by themselves, but not together.
 void check_combinations(const RenderFlags& options) {
-  require_usage(options.tracer != "reference" || options.pilot_spp == 0,
+  require_usage(options.tracer != "reference" || options.image.pilot_spp == 0,
                 fmt::format("--tracer reference and --pilot-spp {}: the reference has no pilot; "
                             "leave out one of the two",
-                            options.pilot_spp));
-  require_usage((options.noise == 0 && options.seconds == 0) || options.pilot_spp == 0,
+                            options.image.pilot_spp));
+  require_usage((options.noise == 0 && options.seconds == 0) || options.image.pilot_spp == 0,
                 "--noise and --time have no --pilot-spp: it spreads a number of samples that is "
                 "known; leave out one of them");
-  require_usage(options.estimates <= options.spp,
+  require_usage(options.image.estimates <= options.image.spp,
                 fmt::format("--estimates {} and --spp {}: each estimate needs a sample per pixel; "
                             "take at most as many estimates",
-                            options.estimates, options.spp));
+                            options.image.estimates, options.image.spp));
 }
 
 // ---- The request -----------------------------------------------------------------------------
@@ -176,119 +172,40 @@ void set_film(const std::string& size, v1::Film& film) {
   film.set_height(height);
 }
 
-// What is rendered for a channel of the image.
-struct Channel {
-  std::string name;  // "Y", or "R", "G" and "B"
-  v1::Film::Channel shown;
-  Material material;
-};
-
 Bounds bounds_of_object(const v1::Scene& scene) {
   return object_bounds("scene.object", scene.object());
 }
 
-Material chosen_material(const RenderFlags& options, const v1::Scene& scene,
-                         v1::Film::Channel shown) {
-  if (options.material.empty()) {
-    const auto of = [&](const std::vector<double>& numbers) {
-      return numbers.empty() ? 0 : numbers[std::min(number_of_channel(shown), numbers.size() - 1)];
-    };
-    return {of(options.sigma_t), of(options.albedo), of(options.g)};
-  }
-  return material_of(options.material, options.object_size, "scene.object", scene.object(), shown);
-}
-
-// Asks for what the film shows, without the material.
-RenderQuery query_of(const RenderFlags& options, v1::Scene scene, v1::Film::Channel shown) {
-  scene.mutable_film()->set_channel(shown);
-  resolve_media(scene);
-  RenderQuery query{
-      .scene = serialize(scene),
-      .material = {},
-      .values = options.values,
-      .spp = options.spp,
-      .seed = options.seed,
-      .estimates = options.estimates,
-      .pilot_spp = options.pilot_spp,
-      .derivatives = options.derivatives,
-      .pixels = options.pixels == "object" ? v1::OBJECT_PIXELS : v1::ALL_PIXELS,
-      .tracer = options.tracer == "reference" ? v1::REFERENCE : v1::WAVEFRONT,
-  };
-  if (!options.phase.empty()) parse_text_proto(options.phase, "--phase", query.phase.emplace());
-  return query;
-}
-
 // The scene's medium, unless flags name one.
 void take_medium(const v1::Scene& scene, RenderFlags& options) {
-  const bool has_flags = !options.sigma_t.empty() || !options.albedo.empty() ||
-                         !options.g.empty() || !options.phase.empty() || !options.material.empty();
+  const bool has_flags = !options.image.sigma_t.empty() || !options.image.albedo.empty() ||
+                         !options.image.g.empty() || !options.phase.empty() ||
+                         !options.image.medium.empty();
   const auto in_channel = [&](v1::Film::Channel shown) {
     return material_of("scene.object", scene.object(), shown);
   };
   if (!has_flags && scene.object().has_medium()) {
     in_channel(v1::Film::GREEN);  // is checked
-    options.material = scene.object().medium().name();
-    options.object_size = double{scene.object().medium().object_size()};
+    options.image.medium = scene.object().medium().name();
+    options.image.object_size = double{scene.object().medium().object_size()};
   } else if (!has_flags && !scene.object().material().empty()) {
     for (const v1::Film::Channel shown : {v1::Film::RED, v1::Film::GREEN, v1::Film::BLUE}) {
       const Material material = *in_channel(shown);
-      options.sigma_t.push_back(material.sigma_t);
-      options.albedo.push_back(material.albedo);
-      options.g.push_back(material.g);
+      options.image.sigma_t.push_back(material.sigma_t);
+      options.image.albedo.push_back(material.albedo);
+      options.image.g.push_back(material.g);
     }
   }
   const bool has_medium = scene.object().has_medium() || !scene.object().material().empty();
   require_usage(
-      !has_flags || !has_medium || !options.material.empty() ||
-          (!options.sigma_t.empty() && !options.albedo.empty()),
+      !has_flags || !has_medium || !options.image.medium.empty() ||
+          (!options.image.sigma_t.empty() && !options.image.albedo.empty()),
       "--albedo, --g and --phase need --sigma-t and --albedo beside them: flags stand for the "
       "whole of the medium that the scene's object has");
-  require_usage(!options.material.empty() || (!options.sigma_t.empty() && !options.albedo.empty()),
+  require_usage(!options.image.medium.empty() ||
+                    (!options.image.sigma_t.empty() && !options.image.albedo.empty()),
                 "--sigma-t and --albedo are required, or --material, or a medium or material in "
                 "the scene's object");
-}
-
-std::vector<Channel> channels_of(const RenderFlags& options, const v1::Scene& scene) {
-  const auto channel = [&](const char* name, v1::Film::Channel shown) {
-    return Channel{name, shown, chosen_material(options, scene, shown)};
-  };
-  if (!options.color) return {channel("Y", scene.film().channel())};
-  return {channel("R", v1::Film::RED), channel("G", v1::Film::GREEN), channel("B", v1::Film::BLUE)};
-}
-
-// Whether one render of all channels does what three do, and costs less.
-bool share_paths(const RenderFlags& options, const v1::Scene& scene,
-                 const std::vector<Channel>& channels) {
-  if (channels.size() == 1 || options.tracer == "reference" || options.pilot_spp > 0 ||
-      !scene.other_objects().empty()) {
-    return false;
-  }
-  for (const std::string& name : options.derivatives) {
-    if (!shares_paths(name)) return false;
-  }
-  if (options.derivatives.size() * channels.size() > kMaxDerivatives) return false;
-  std::vector<Material> materials;
-  for (const Channel& channel : channels) materials.push_back(channel.material);
-  const auto other_g = [&](const Material& m) { return m.g != materials[0].g; };
-  return std::ranges::none_of(materials, other_g) &&
-         shared_paths_pay(materials, longest_side(bounds_of_object(scene)));
-}
-
-// One for each channel, or one for all.
-std::vector<RenderJob> jobs_of(const RenderFlags& options, const v1::Scene& scene,
-                               const std::vector<Channel>& channels) {
-  if (share_paths(options, scene, channels)) {
-    RenderQuery query = query_of(options, scene, v1::Film::RGB);
-    for (const Channel& channel : channels) query.colours.push_back(channel.material);
-    return {job_of(query)};
-  }
-  std::vector<RenderJob> jobs;
-  for (const Channel& channel : channels) {
-    RenderQuery query = query_of(options, scene, channel.shown);
-    query.material = channel.material;
-    jobs.push_back(job_of(query));
-  }
-  return jobs;
 }
 
 // How long until the goal is reached, as the noise falls with the root of the samples. The first
@@ -310,7 +227,7 @@ RoundsReply render(const RenderFlags& options, const std::vector<RenderJob>& job
   RenderPool pool(options.workers.pool_options());
   std::optional<Progress> progress;
   uint32_t begun = 0;  // samples when the round began that is shown
-  const RenderGoal goal{options.noise, options.seconds, options.spp, options.estimates};
+  const RenderGoal goal{options.noise, options.seconds, options.image.spp, options.image.estimates};
   RoundsReply reply = render_rounds(
       pool, jobs, goal, start, [&](const RenderedSoFar& so_far, uint32_t round, double fraction) {
         throw_if_interrupted();
@@ -328,17 +245,6 @@ RoundsReply render(const RenderFlags& options, const std::vector<RenderJob>& job
   return reply;
 }
 
-// One reply for each channel.
-std::vector<v1::RenderGradReply> replies_of(const std::vector<Channel>& channels,
-                                            std::vector<v1::RenderGradReply> replies) {
-  if (replies.size() == channels.size()) return replies;
-  std::vector<v1::RenderGradReply> in_colour;
-  for (size_t c = 0; c < channels.size(); ++c) {
-    in_colour.push_back(reply_in_colour(replies[0], static_cast<int>(c)));
-  }
-  return in_colour;
-}
-
 v1::Counters sum_of(const std::vector<v1::RenderGradReply>& replies) {
   v1::Counters sum;
   for (const v1::RenderGradReply& reply : replies) add_counters(reply.counters(), sum);
@@ -350,14 +256,14 @@ v1::Counters sum_of(const std::vector<v1::RenderGradReply>& replies) {
 // `channel`: its name.
 void add_channel(const std::string& channel, const v1::RenderGradReply& reply,
                  const RenderFlags& options, Image& image) {
-  image.channels[channel] = mean_radiance(reply, options.spp);
-  const std::vector<std::string>& derivatives = options.derivatives;
+  image.channels[channel] = mean_radiance(reply, options.image.spp);
+  const std::vector<std::string>& derivatives = options.image.derivatives;
   for (size_t d = 0; d < derivatives.size(); ++d) {
     const auto derivative = [d](const v1::Estimate& e) -> const std::string& {
       return e.derivatives(static_cast<int>(d));
     };
     const std::string name = derivatives[d] + "." + channel;
-    image.channels[name] = mean_of_estimates(reply, options.spp, derivative);
+    image.channels[name] = mean_of_estimates(reply, options.image.spp, derivative);
     if (reply.estimates_size() == 1) continue;
     image.channels["stderr." + name] = standard_error_of_estimates(reply, derivative);
   }
@@ -376,7 +282,7 @@ void add_channel(const std::string& channel, const v1::RenderGradReply& reply,
   }
 }
 
-Image make_image(const std::vector<Channel>& channels, const RenderJob& job,
+Image make_image(const std::vector<ImageChannel>& channels, const RenderJob& job,
                  const std::vector<v1::RenderGradReply>& replies, const v1::Counters& counters,
                  const RenderFlags& options) {
   Image image;
@@ -386,10 +292,10 @@ Image make_image(const std::vector<Channel>& channels, const RenderJob& job,
   image.attributes = {
       {attribute::kVersion, ITN_VERSION},
       {attribute::kSceneSha256, to_hex(job.scene->digest)},
-      {attribute::kSpp, static_cast<int>(options.spp)},
-      {attribute::kSeed, std::to_string(options.seed)},
-      {attribute::kEstimates, static_cast<int>(options.estimates)},
-      {attribute::kPilotSpp, static_cast<int>(options.pilot_spp)},
+      {attribute::kSpp, static_cast<int>(options.image.spp)},
+      {attribute::kSeed, std::to_string(options.image.seed)},
+      {attribute::kEstimates, static_cast<int>(options.image.estimates)},
+      {attribute::kPilotSpp, static_cast<int>(options.image.pilot_spp)},
       {attribute::kPixels, options.pixels},
       {attribute::kTracer, options.tracer},
       {attribute::kPaths, count(counters.paths())},
@@ -399,7 +305,7 @@ Image make_image(const std::vector<Channel>& channels, const RenderJob& job,
   };
   if (!options.phase.empty()) image.attributes[attribute::kPhase] = options.phase;
   std::vector<std::string> values;
-  for (const auto& [name, value] : options.values) {
+  for (const auto& [name, value] : options.image.values) {
     values.push_back(fmt::format("{}={}", name, value));
   }
   if (!values.empty())
@@ -407,7 +313,7 @@ Image make_image(const std::vector<Channel>& channels, const RenderJob& job,
   for (size_t c = 0; c < channels.size(); ++c) {
     const auto& [name, shown, material] = channels[c];
     add_channel(name, replies[c], options, image);
-    const std::string of = options.color ? "." + name : "";
+    const std::string of = options.image.colour ? "." + name : "";
     image.attributes[attribute::kSigmaT + of] = material.sigma_t;
     image.attributes[attribute::kAlbedo + of] = material.albedo;
     if (options.phase.empty()) image.attributes[attribute::kG + of] = material.g;
@@ -418,10 +324,10 @@ Image make_image(const std::vector<Channel>& channels, const RenderJob& job,
 // For people to look at. White is what is on the object, so that a lamp in view does not make all
 // else black; where there is no object, what is in the image.
 void write_preview(const RenderFlags& options, const Image& image,
-                   const std::vector<Channel>& channels) {
+                   const std::vector<ImageChannel>& channels) {
   std::vector<float> all, on_object;
   const std::vector<float>& mask = image.channel("mask.Y");
-  for (const Channel& channel : channels) {
+  for (const ImageChannel& channel : channels) {
     const std::vector<float>& radiance = image.channel(channel.name);
     all.insert(all.end(), radiance.begin(), radiance.end());
     for (size_t p = 0; p < mask.size(); ++p) {
@@ -468,19 +374,6 @@ std::string size_of_object(const v1::Scene& scene) {
   return fmt::format("{:.3g} x {:.3g} x {:.3g} mm", size.x, size.y, size.z);
 }
 
-void warn_small_object(const Image& image) {
-  constexpr double kTiny = 1e-3;
-  const double covered = coverage(image);
-  const double pixels = static_cast<double>(image.width) * image.height;
-  if (covered >= kTiny && covered * pixels >= 1) return;
-  const std::string how = covered == 0 ? "the camera does not see the object: it is in no pixel"
-                                       : fmt::format(
-                                             "the camera hardly sees the object: it covers "
-                                             "{:.2g} of {} pixels",
-                                             covered * pixels, pixels);
-  spdlog::warn("{}. Is it at the camera's target, and of the size that is meant, in mm?", how);
-}
-
 double noise_of(const Image& image, const std::string& channel) {
   return noise_on_object(image.channel(channel), image.channel("stderr." + channel),
                          image.channel("mask.Y"));
@@ -489,51 +382,18 @@ double noise_of(const Image& image, const std::string& channel) {
 // One sample of a pixel says nothing of its noise, nor does an image without light.
 bool knows_noise(const Image& image, const std::string& channel, const RenderFlags& options) {
   const std::vector<float>& radiance = image.channel(channel);
-  return options.spp > 1 && std::ranges::any_of(radiance, [](float v) { return v > 0; });
+  return options.image.spp > 1 && std::ranges::any_of(radiance, [](float v) { return v > 0; });
 }
 std::string noise_text(double noise, bool is_known) {
   return is_known ? fmt::format("{:.2g} %", 100 * noise) : "unknown";
 }
 
-void warn_black(const Image& image, const std::vector<Channel>& channels) {
-  for (const Channel& channel : channels) {
-    if (std::ranges::any_of(image.channel(channel.name), [](float v) { return v != 0; })) continue;
-    spdlog::warn(
-        "{} is black: no sample found light. Do the lights reach what the camera sees? Small "
-        "lights "
-        "behind what is nearly black take more samples",
-        channel.name);
-  }
-}
-
-// Paths that were dropped count as black: where they are many, the image is too dark. Beyond a
-// hundredth of those that meet the object, it is no image of the scene.
-void check_drops(const v1::Counters& counters, const Image& image) {
-  constexpr double kMany = 1e-4, kTooMany = 0.01;
-  const double paths = std::max(1.0, static_cast<double>(counters.paths()) * coverage(image));
-  const auto part = [&](uint64_t count) { return static_cast<double>(count) / paths; };
-  const auto say = [&](uint64_t count, const std::string& why) {
-    if (part(count) <= kMany) return;
-    const std::string what = fmt::format(
-        "{:.2g} % of the paths that meet the object were dropped, {}: the object is darker by "
-        "about "
-        "as much",
-        100 * std::min(1.0, part(count)), why);
-    if (part(count) > kTooMany) throw invalid_input(what + "; such an image is not written");
-    spdlog::warn(what);
-  };
-  say(counters.leaks(),
-      "as they were on the wrong side of the boundary: a mesh that cuts through itself does that, "
-      "and one that is thin for its size, or far from its origin");
-  say(counters.invalid_samples(), "as their light was no number");
-}
-
 // Warns where samples or time were over before the noise was reached.
 void warn_noise(const Image& image, const RenderFlags& options,
-                const std::vector<Channel>& channels) {
+                const std::vector<ImageChannel>& channels) {
   double noise = 0;
   bool is_known = true;
-  for (const Channel& channel : channels) {
+  for (const ImageChannel& channel : channels) {
     noise = std::max(noise, noise_of(image, channel.name));
     is_known = is_known && knows_noise(image, channel.name, options);
   }
@@ -556,7 +416,7 @@ double mean_over_object(const Image& image, const std::string& channel) {
 }
 
 void print_json(const v1::Counters& counters, const RenderFlags& options,
-                const std::vector<Channel>& channels, const Image& image, double seconds) {
+                const std::vector<ImageChannel>& channels, const Image& image, double seconds) {
   google::protobuf::Struct result;
   auto& fields = *result.mutable_fields();
   const auto number = [&](const char* name, auto value) {
@@ -565,10 +425,10 @@ void print_json(const v1::Counters& counters, const RenderFlags& options,
   fields["output"].set_string_value(options.output);
   number("width", image.width);
   number("height", image.height);
-  number("spp", options.spp);
+  number("spp", options.image.spp);
   number("object_coverage", coverage(image));
   for (const auto& [name, shown, material] : channels) {
-    const std::string suffix = options.color ? "_" + lower(name) : "";
+    const std::string suffix = options.image.colour ? "_" + lower(name) : "";
     number(("mean_radiance_on_object" + suffix).c_str(), mean_over_object(image, name));
     if (knows_noise(image, name, options)) {
       number(("noise_on_object" + suffix).c_str(), noise_of(image, name));
@@ -584,14 +444,15 @@ void print_json(const v1::Counters& counters, const RenderFlags& options,
 }
 
 void print_text(const RenderFlags& options, const v1::Scene& scene,
-                const std::vector<Channel>& channels, const Image& image, double seconds) {
+                const std::vector<ImageChannel>& channels, const Image& image, double seconds) {
   std::string text =
       fmt::format("{}: {} x {} pixels, {} samples per pixel, {:.3g} s\n",
-                  name_of_output(options.output), image.width, image.height, options.spp, seconds) +
+                  name_of_output(options.output), image.width, image.height, options.image.spp,
+                  seconds) +
       fmt::format("object: {}, {:.2g} % of the film{}\n", size_of_object(scene),
                   100 * coverage(image), leaves_film(image) ? ", cut by its edge" : "");
-  if (!options.material.empty()) {
-    const MeasuredMedium& medium = measured_medium(options.material);
+  if (!options.image.medium.empty()) {
+    const MeasuredMedium& medium = measured_medium(options.image.medium);
     text += fmt::format("{} ({}), index {}\n", medium.name, medium.source, medium.index);
   }
   for (const auto& [name, shown, material] : channels) {
@@ -607,29 +468,29 @@ void print_text(const RenderFlags& options, const v1::Scene& scene,
 
 void run(RenderFlags options) {
   const auto start = std::chrono::steady_clock::now();
+  read_words(options);
   check_combinations(options);
   check_outputs(options);
   v1::Scene scene = load_scene(options.scene, options.mesh_unit);
   take_medium(scene, options);
   if (!options.film.empty()) set_film(options.film, *scene.mutable_film());
-  options.color |= scene.film().channel() == v1::Film::RGB;
-  const std::vector<Channel> channels = channels_of(options, scene);
-  const std::vector<RenderJob> jobs = jobs_of(options, scene, channels);
+  options.image.colour |= scene.film().channel() == v1::Film::RGB;
+  const std::vector<ImageChannel> channels = channels_of(options.image, scene);
+  const std::vector<RenderJob> jobs = jobs_of(options.image, scene, channels);
   auto [replies, spp, interrupted] = render(options, jobs, start);
-  options.spp = spp;
+  options.image.spp = spp;
   const v1::Counters counters = sum_of(replies);
-  const Image image =
-      make_image(channels, jobs[0], replies_of(channels, std::move(replies)), counters, options);
-  warn_small_object(image);
+  const std::vector<v1::RenderGradReply> in_channels = replies_of(channels, std::move(replies));
+  const Image image = make_image(channels, jobs[0], in_channels, counters, options);
   warn_noise(image, options, channels);
-  warn_black(image, channels);
-  check_drops(counters, image);
+  for (const std::string& remark : remarks_on(channels, in_channels, counters))
+    spdlog::warn(remark);
   write_exr(options.output, image);
   if (!options.png.empty()) write_preview(options, image, channels);
   if (interrupted) {
     throw Error(ErrorKind::kCancelled,
                 fmt::format("interrupted; {} has the {} samples per pixel that were done",
-                            options.output, options.spp));
+                            options.output, options.image.spp));
   }
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   if (options.json) {
@@ -662,14 +523,14 @@ void add_render_command(CLI::App& app) {
         ->delimiter(',')
         ->allow_extra_args(false);
   };
-  add_coefficient("--sigma-t", options->sigma_t, "Extinction coefficient, in 1/mm")
+  add_coefficient("--sigma-t", options->image.sigma_t, "Extinction coefficient, in 1/mm")
       ->check(number_in(kMinSigmaT, kMaxSigmaT));
-  add_coefficient("--albedo", options->albedo, "Single-scattering albedo")
+  add_coefficient("--albedo", options->image.albedo, "Single-scattering albedo")
       ->check(number_in(0.0, 1.0));
-  CLI::Option* g = add_coefficient("--g", options->g, "Mean cosine of scattering")
+  CLI::Option* g = add_coefficient("--g", options->image.g, "Mean cosine of scattering")
                        ->check(number_in(-kMaxAbsG, kMaxAbsG))
                        ->default_str("0");
-  command->add_flag("--color,--colour", options->color,
+  command->add_flag("--color,--colour", options->image.colour,
                     "Channels R, G and B instead of Y: of coloured lights, and with --material of "
                     "the medium. One render, whose paths the channels share, where that costs "
                     "less than three");
@@ -681,19 +542,19 @@ void add_render_command(CLI::App& app) {
   CLI::Option* material =
       command
           ->add_option(
-              "--material", options->material,
+              "--material", options->image.medium,
               "Instead of --sigma-t, --albedo and --g, a measured medium (itn materials), "
               "in the film's channel; for LUMINANCE, in GREEN. Default: that of the scene's "
               "object, if it has one")
           ->excludes("--sigma-t", "--albedo", "--g", "--phase");
   command
-      ->add_option("--object-size", options->object_size,
+      ->add_option("--object-size", options->image.object_size,
                    "With --material, the longest side of what the object stands for, in mm. "
                    "Default: the object's own")
       ->check(number_in(1e-6, 1e6))
       ->needs(material);
   command
-      ->add_option("--spp", options->spp,
+      ->add_option("--spp", options->image.spp,
                    "Samples per pixel; with --noise or --time, the most, and 1048576 if absent")
       ->check(kSppRange)
       ->capture_default_str();
@@ -708,11 +569,11 @@ void add_render_command(CLI::App& app) {
                    "Render for about so long, as 10s, 2m or 1h, compiling the scene included")
       ->transform(kTimeToSeconds)
       ->check(number_in(0.01, 1e6));
-  command->add_option("--seed", options->seed, "Of the random numbers")
+  command->add_option("--seed", options->image.seed, "Of the random numbers")
       ->check(kAnySeed)
       ->capture_default_str();
   command
-      ->add_option("--derivatives", options->derivatives,
+      ->add_option("--derivatives", options->image.derivatives,
                    fmt::format("Layers to add, separated by commas: {} (K-th of the scene file, "
                                "from 0; the scale of a light is 1 unless --set says otherwise)",
                                fmt::join(derivative_names(), ", ")))
@@ -732,18 +593,21 @@ void add_render_command(CLI::App& app) {
       ->add_option_function<std::vector<std::string>>(
           "--set",
           [options](const std::vector<std::string>& texts) {
-            for (const std::string& text : texts) options->values.push_back(named_value(text));
+            for (const std::string& text : texts)
+              options->image.values.push_back(named_value(text));
           },
           "NAME=VALUE: a number of the scene instead of that in its file, by the name of its "
           "derivative, as light[0].scale=2 or rough_dielectric.index=1.4; none of the medium, "
           "which --sigma-t and so on set. May be repeated")
       ->allow_extra_args(false);
-  command->add_option("--estimates", options->estimates, "Independent estimates, as further layers")
+  command
+      ->add_option("--estimates", options->image.estimates,
+                   "Independent estimates, as further layers")
       ->check(number_in(1U, kMaxEstimates))
       ->capture_default_str();
   command
       ->add_option(
-          "--pilot-spp", options->pilot_spp,
+          "--pilot-spp", options->image.pilot_spp,
           "Samples per pixel, beyond --spp, of a pilot, which spreads the others and quietens "
           "derivatives in sigma_t and g; not with --tracer reference")
       ->check(number_in(0U, kMaxPilotSpp))
@@ -775,17 +639,17 @@ void add_render_command(CLI::App& app) {
   add_worker_flags(*command, options->workers);
   command->callback([command, options] {
     if (options->noise + options->seconds > 0 && command->count("--spp") == 0) {
-      options->spp = kMaxSamples;
+      options->image.spp = kMaxSamples;
     }
     for (const auto& [flag, numbers] :
-         {std::pair{"--sigma-t", &options->sigma_t}, std::pair{"--albedo", &options->albedo},
-          std::pair{"--g", &options->g}}) {
+         {std::pair{"--sigma-t", &options->image.sigma_t},
+          std::pair{"--albedo", &options->image.albedo}, std::pair{"--g", &options->image.g}}) {
       require_usage(
           numbers->size() <= 1 || numbers->size() == 3,
           fmt::format("{}: {} numbers; it takes one, or those of R, G and B (decimals take "
                       "a point)",
                       flag, numbers->size()));
-      options->color |= numbers->size() == 3;
+      options->image.colour |= numbers->size() == 3;
     }
     run(*options);
   });

@@ -314,7 +314,7 @@ void run_train(const TrainOptions& given, const CLI::App& command) {
   std::optional<RenderPool> pool;
   DatasetTraining dataset_training(config, dataset, training.start(), std::move(run));
   const TrainingEnd end = dataset_training.train(
-      [&]() -> RenderPool& { return pool.emplace(options.workers.pool_options()); });
+      [&]() -> JobRenderer& { return pool.emplace(options.workers.pool_options()); });
   const v1::TrainingSummary summary = report.summary(
       options.folder, end, dataset_training.has_validation(), pool ? &*pool : nullptr);
   options.json ? print_result("{}\n", to_json(summary)) : print(summary);

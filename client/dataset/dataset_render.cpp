@@ -20,9 +20,9 @@
 #include "client/files/folder_lock.h"
 #include "client/image/attributes.h"
 #include "client/image/image.h"
-#include "client/render_pool/render_pool.h"
-#include "client/render_pool/render_query.h"
-#include "client/render_pool/reply_images.h"
+#include "client/render/job_renderer.h"
+#include "client/render/render_query.h"
+#include "client/render/reply_images.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/render_limits.h"
@@ -296,7 +296,7 @@ class GroupRenderer {
   using Wait = std::function<v1::RenderGradReply(std::future<v1::RenderGradReply>&)>;
 
   // All must outlive it.
-  GroupRenderer(DatasetReader& dataset, const std::vector<const Group*>& groups, RenderPool& pool)
+  GroupRenderer(DatasetReader& dataset, const std::vector<const Group*>& groups, JobRenderer& pool)
       : dataset_(dataset), config_(dataset.manifest().config()), groups_(groups), pool_(pool) {}
 
   // In the order of the groups; nothing after the last.
@@ -377,7 +377,7 @@ class GroupRenderer {
   DatasetReader& dataset_;
   const v1::DatasetConfig& config_;
   const std::vector<const Group*>& groups_;
-  RenderPool& pool_;
+  JobRenderer& pool_;
   size_t next_ = 0;  // of the groups
   std::deque<Pending> pilots_, renders_;
 };
@@ -405,7 +405,7 @@ void ask_for_derivatives(RenderJob& job) {
   }
 }
 
-DatasetProgress render_dataset(DatasetPlan plan, const fs::path& folder, RenderPool& pool,
+DatasetProgress render_dataset(DatasetPlan plan, const fs::path& folder, JobRenderer& pool,
                                const std::function<void(const DatasetProgress&)>& report,
                                std::stop_token stop) {
   const FolderLock lock(folder, "itn dataset");

@@ -38,7 +38,7 @@ void ask_for_derivatives(RenderJob& job);
 // differs) or other files; kIo if another process renders there; kCancelled soon after a stop is
 // requested; and as RenderPool.
 DatasetProgress render_dataset(DatasetPlan plan, const std::filesystem::path& folder,
-                               RenderPool& pool,
+                               JobRenderer& pool,
                                const std::function<void(const DatasetProgress&)>& report,
                                std::stop_token stop = {});
 

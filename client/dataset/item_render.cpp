@@ -4,8 +4,8 @@
 #include <utility>
 
 #include "client/dataset/noise.h"
-#include "client/render_pool/render_query.h"
-#include "client/render_pool/shared_colours.h"
+#include "client/render/render_query.h"
+#include "client/render/shared_colours.h"
 #include "common/random.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/wire_array.h"

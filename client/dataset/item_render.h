@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "client/dataset/dataset.h"
-#include "client/render_pool/render_job.h"
+#include "client/render/render_job.h"
 #include "common/scene/scene_bytes.h"
 
 namespace itn {

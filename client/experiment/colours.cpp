@@ -46,7 +46,7 @@ ColourPicture input_colours(const DatasetReader& colours, size_t k) {
 }
 
 void render_colours(DatasetReader& colours, std::span<const Material> materials, uint32_t spp,
-                    const fs::path& folder, const std::string& name, RenderPool& pool,
+                    const fs::path& folder, const std::string& name, JobRenderer& pool,
                     std::stop_token stop) {
   fs::create_directories(folder / name);
   const size_t pictures = materials.size() / kColours;

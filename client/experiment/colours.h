@@ -12,7 +12,7 @@
 
 #include "client/dataset/dataset.h"
 #include "client/dataset/plan.h"
-#include "client/render_pool/render_pool.h"
+#include "client/render/job_renderer.h"
 #include "common/material.h"
 
 namespace itn {
@@ -32,7 +32,7 @@ ColourPicture input_colours(const DatasetReader& colours, size_t k);
 // Renders these materials, one for each item of the dataset, and writes the pictures that are not
 // there into `folder`/`name`.
 void render_colours(DatasetReader& colours, std::span<const Material> materials, uint32_t spp,
-                    const std::filesystem::path& folder, const std::string& name, RenderPool& pool,
+                    const std::filesystem::path& folder, const std::string& name, JobRenderer& pool,
                     std::stop_token stop);
 
 // One of the pictures that render_colours() wrote. Throws Error as read_exr().

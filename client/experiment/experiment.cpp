@@ -269,7 +269,7 @@ class ExperimentRunner {
   }
   static std::string stage_of(const SharedStart& start) { return "shared start " + start.file; }
 
-  RenderPool& pool() {
+  JobRenderer& pool() {
     if (!pool_) pool_.emplace(run_.pool);
     return *pool_;
   }
@@ -378,7 +378,7 @@ std::string ExperimentRunner::train(const std::string& stage, const fs::path& fo
                  .model_name = model_name,
                  .validate_every = experiment_.validate_every(),
                  .torch_threads = run_.torch_threads,
-                 .pool = [this]() -> RenderPool& { return pool(); },
+                 .pool = [this]() -> JobRenderer& { return pool(); },
                  .cpu_seconds = [this] { return cpu_seconds(); },
                  .report =
                      [&](const v1::TrainingMetrics& metrics) {

@@ -12,7 +12,7 @@
 #include "client/dataset/item_scene.h"
 #include "client/image/image.h"
 #include "client/image/ms_ssim.h"
-#include "client/render_pool/render_pool.h"
+#include "client/render/job_renderer.h"
 #include "client/training/evaluation.h"
 #include "common/geometry/shapes.h"
 #include "common/random.h"
@@ -30,7 +30,7 @@ constexpr uint64_t kReferenceBranch = 11, kComparedBranch = 12;
 const ImageProgress kNobody = [](size_t, size_t) {};  // is told
 
 // Renders jobs, enough of them under way that no worker is idle; in order.
-void render_all(size_t count, const std::function<RenderJob(size_t)>& job, RenderPool& pool,
+void render_all(size_t count, const std::function<RenderJob(size_t)>& job, JobRenderer& pool,
                 const std::stop_token& stop,
                 const std::function<void(size_t, const v1::RenderGradReply&)>& take) {
   std::deque<std::future<v1::RenderGradReply>> pending;
@@ -118,14 +118,14 @@ RenderJob ExperimentImages::job(ExperimentScene scene, size_t k, const Material&
   return render_job(scene_of(scene, k), item, spp);
 }
 
-void ExperimentImages::render_references(RenderPool& pool, const ImageProgress& progress,
+void ExperimentImages::render_references(JobRenderer& pool, const ImageProgress& progress,
                                          std::stop_token stop) {
   std::vector<size_t> all(chosen_.size());
   std::iota(all.begin(), all.end(), size_t{0});
   render_references(all, pool, progress, stop);
 }
 
-void ExperimentImages::render_references(std::span<const size_t> images, RenderPool& pool,
+void ExperimentImages::render_references(std::span<const size_t> images, JobRenderer& pool,
                                          const ImageProgress& progress,
                                          const std::stop_token& stop) {
   fs::create_directories(references_);
@@ -152,7 +152,8 @@ void ExperimentImages::render_references(std::span<const size_t> images, RenderP
 }
 
 v1::ExperimentImageErrors ExperimentImages::compare(const std::vector<Material>& materials,
-                                                    RenderPool& pool, const ImageProgress& progress,
+                                                    JobRenderer& pool,
+                                                    const ImageProgress& progress,
                                                     const std::stop_token& stop) {
   render_references(pool, kNobody, stop);  // those that are gone
   v1::ExperimentImageErrors result;
@@ -180,7 +181,7 @@ v1::ExperimentImageErrors ExperimentImages::compare(const std::vector<Material>&
 }
 
 void ExperimentImages::render_pictures(const std::string& name,
-                                       const std::vector<Material>& materials, RenderPool& pool,
+                                       const std::vector<Material>& materials, JobRenderer& pool,
                                        const std::stop_token& stop) {
   render_references(shown_, pool, kNobody, stop);
   fs::create_directories(pictures_ / name);

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "client/dataset/dataset.h"
-#include "client/render_pool/render_pool.h"
+#include "client/render/job_renderer.h"
 #include "client/training/training_set.h"
 #include "itn/v1/experiment.pb.h"
 
@@ -46,18 +46,18 @@ class ExperimentImages {
   int resolution() const { return test_.resolution; }
 
   // Renders the references that are not there, of all chosen images.
-  void render_references(RenderPool& pool, const ImageProgress& progress, std::stop_token stop);
+  void render_references(JobRenderer& pool, const ImageProgress& progress, std::stop_token stop);
 
   // Renders a material for each image of the test that is chosen, and compares them with the
   // references, which it renders where they are gone. The random numbers are the same whatever the
   // materials.
-  v1::ExperimentImageErrors compare(const std::vector<Material>& materials, RenderPool& pool,
+  v1::ExperimentImageErrors compare(const std::vector<Material>& materials, JobRenderer& pool,
                                     const ImageProgress& progress, const std::stop_token& stop);
 
   // Renders the pictures that are not there, of each shown image in both scenes, into the folder
   // `name` of pictures, and their references. They are the images that compare() sees.
   void render_pictures(const std::string& name, const std::vector<Material>& materials,
-                       RenderPool& pool, const std::stop_token& stop);
+                       JobRenderer& pool, const std::stop_token& stop);
 
   // The reference render of the chosen image number `k`. Throws Error (kIo) if it has not been
   // rendered.
@@ -69,7 +69,7 @@ class ExperimentImages {
   std::filesystem::path reference_file(ExperimentScene scene, size_t k) const;
   std::filesystem::path picture_file(const std::string& name, ExperimentScene scene,
                                      size_t k) const;
-  void render_references(std::span<const size_t> images, RenderPool& pool,
+  void render_references(std::span<const size_t> images, JobRenderer& pool,
                          const ImageProgress& progress, const std::stop_token& stop);
   // The job that renders the chosen image number `k` with a material in the place of its own.
   RenderJob job(ExperimentScene scene, size_t k, const Material& material, uint32_t spp,

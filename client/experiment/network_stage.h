@@ -9,7 +9,7 @@
 
 #include "client/dataset/dataset.h"
 #include "client/experiment/stages.h"
-#include "client/render_pool/render_pool.h"
+#include "client/render/job_renderer.h"
 #include "itn/v1/experiment.pb.h"
 
 namespace itn {
@@ -20,7 +20,7 @@ struct NetworkRun {
   std::string model_name;
   uint64_t validate_every = 500;
   uint32_t torch_threads = 1;
-  std::function<RenderPool&()> pool;  // called if the image term is rendered
+  std::function<JobRenderer&()> pool;  // called if the image term is rendered
   std::function<double()> cpu_seconds;
   std::function<void(const v1::TrainingMetrics&)> report;
   std::stop_token stop;

@@ -69,7 +69,7 @@ std::vector<uint32_t> refined_images(const v1::AnalysisBySynthesis& settings, si
 v1::ExperimentRefinements refine_images(const v1::AnalysisBySynthesis& settings,
                                         DatasetReader& dataset, const LabelledImages& test,
                                         std::span<const Material> starts, const fs::path& folder,
-                                        RenderPool& pool,
+                                        JobRenderer& pool,
                                         const std::function<void(size_t, size_t)>& progress,
                                         std::stop_token stop) {
   fs::create_directories(folder);

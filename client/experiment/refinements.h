@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "client/dataset/dataset.h"
-#include "client/render_pool/render_pool.h"
+#include "client/render/job_renderer.h"
 #include "client/training/training_set.h"
 #include "itn/v1/experiment.pb.h"
 
@@ -26,7 +26,7 @@ std::vector<uint32_t> refined_images(const v1::AnalysisBySynthesis& settings, si
 v1::ExperimentRefinements refine_images(const v1::AnalysisBySynthesis& settings,
                                         DatasetReader& dataset, const LabelledImages& test,
                                         std::span<const Material> starts,
-                                        const std::filesystem::path& folder, RenderPool& pool,
+                                        const std::filesystem::path& folder, JobRenderer& pool,
                                         const std::function<void(size_t, size_t)>& progress,
                                         std::stop_token stop);
 

@@ -11,8 +11,8 @@
 #include "client/dataset/studio.h"
 #include "client/image/preview.h"
 #include "client/interrupt.h"
-#include "client/render_pool/render_pool.h"
-#include "client/render_pool/render_query.h"
+#include "client/render/job_renderer.h"
+#include "client/render/render_query.h"
 #include "common/error.h"
 #include "common/geometry/mesh.h"
 #include "common/scene/material_proto.h"
@@ -30,7 +30,7 @@ constexpr uint64_t kSeed = uint64_t{1} << 40;
 
 using Channels = std::vector<std::future<v1::RenderGradReply>>;
 
-Channels submit(RenderPool& pool, v1::Scene scene, std::span<const Material> materials,
+Channels submit(JobRenderer& pool, v1::Scene scene, std::span<const Material> materials,
                 uint32_t spp, v1::RenderedPixels pixels) {
   Channels channels;
   for (size_t c = 0; c < materials.size(); ++c) {
@@ -138,7 +138,7 @@ Panel panel_of(const std::vector<float>& image) {
 
 }  // namespace
 
-std::vector<float> rerendered(RenderPool& pool, v1::Scene scene, const PredictInput& photograph,
+std::vector<float> rerendered(JobRenderer& pool, v1::Scene scene, const PredictInput& photograph,
                               std::span<const Material> materials, uint32_t spp) {
   v1::Film& film = *scene.mutable_film();
   const double width = photograph.width, height = photograph.height;
@@ -168,7 +168,7 @@ std::vector<float> rerendered(RenderPool& pool, v1::Scene scene, const PredictIn
                   static_cast<int>(materials.size()), film_width, frame, side, interruption());
 }
 
-std::vector<Swatch> render_swatches(RenderPool& pool, std::span<const Material> materials,
+std::vector<Swatch> render_swatches(JobRenderer& pool, std::span<const Material> materials,
                                     uint32_t spp, const std::function<void()>& rendered) {
   std::vector<Swatch> swatches;
   std::vector<Channels> renders;

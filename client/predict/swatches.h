@@ -9,7 +9,7 @@
 
 #include "client/panels.h"
 #include "client/predict/photograph_input.h"
-#include "client/render_pool/render_pool.h"
+#include "client/render/job_renderer.h"
 #include "common/material.h"
 #include "itn/v1/scene.pb.h"
 
@@ -21,7 +21,7 @@ namespace itn {
 // R, G and B, each with its own. `spp`: samples per pixel of the frame. Throws Error (invalid
 // input) if the sides of the film are not to each other as the photograph's are, and what renders
 // throw.
-std::vector<float> rerendered(RenderPool& pool, v1::Scene scene, const PredictInput& photograph,
+std::vector<float> rerendered(JobRenderer& pool, v1::Scene scene, const PredictInput& photograph,
                               std::span<const Material> materials, uint32_t spp);
 
 struct Swatch {
@@ -32,7 +32,7 @@ struct Swatch {
 // A material, of an object whose longest side is 1 mm, on two built-in shapes under two lights, on
 // the ground; in colour if there are three. White is the 99th percentile. `rendered` is called
 // after each of the kSwatches.
-std::vector<Swatch> render_swatches(RenderPool& pool, std::span<const Material> materials,
+std::vector<Swatch> render_swatches(JobRenderer& pool, std::span<const Material> materials,
                                     uint32_t spp, const std::function<void()>& rendered);
 inline constexpr size_t kSwatches = 4;
 

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "client/refine/scene_unknown.h"
-#include "client/render_pool/render_query.h"
+#include "client/render/render_query.h"
 #include "common/material.h"
 #include "common/scene/scene_bytes.h"
 

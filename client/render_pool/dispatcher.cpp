@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "client/render_pool/tiles.h"
+#include "client/render/tiles.h"
 #include "common/rpc/status.h"
 
 namespace itn {

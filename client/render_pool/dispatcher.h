@@ -14,7 +14,8 @@
 #include <string>
 #include <vector>
 
-#include "client/render_pool/render_job.h"
+#include "client/render/render_job.h"
+#include "client/render_pool/render_statistics.h"
 #include "client/render_pool/render_times.h"
 #include "client/render_pool/render_worker.h"
 #include "common/error.h"

@@ -6,12 +6,11 @@
 #include <functional>
 #include <future>
 #include <memory>
-#include <span>
-#include <stop_token>
 #include <string>
 #include <vector>
 
-#include "client/render_pool/render_job.h"
+#include "client/render/job_renderer.h"
+#include "client/render_pool/render_statistics.h"
 #include "client/rpc/client_security.h"
 #include "itn/v1/render.pb.h"
 
@@ -43,33 +42,20 @@ struct RenderPoolOptions {
 // another (dispatcher.h has the rules). As answers depend on the request alone, the results are the
 // same in every arrangement, bit for bit; an answer that cannot be right is not taken. Workers of
 // another version are not used. Thread-safe.
-class RenderPool {
+class RenderPool final : public JobRenderer {
  public:
   // Throws Error: kUnavailable that names the workers if there are some and none answers; as
   // WorkerList and Connector.
   explicit RenderPool(RenderPoolOptions options);
   // Cancels what is under way.
-  ~RenderPool();
+  ~RenderPool() override;
 
   // The future throws Error: kInvalidInput (as the first worker says); kLimit, kInternal (as all
   // workers say, or the first few); kUnavailable; kCancelled.
-  std::future<v1::RenderGradReply> submit(RenderJob job);
+  std::future<v1::RenderGradReply> submit(RenderJob job) override;
 
-  // Called on the caller's thread some ten times a second, with the fraction done, in [0, 1]. May
-  // throw to give up; what was handed out to workers by then is still rendered.
-  using Progress = std::function<void(double fraction)>;
-
-  // Renders one job (not a loss) in tiles on all workers and puts them together. How many workers
-  // there are does not matter; without a pilot, neither does it that there are tiles: the images
-  // are those of `submit`, bit for bit. Throws what the futures of `submit` throw.
-  v1::RenderGradReply render_split(const RenderJob& job, const Progress& progress = {});
-  // Several, one after the other, and no worker idles between them.
-  std::vector<v1::RenderGradReply> render_split(std::span<const RenderJob> jobs,
-                                                const Progress& progress = {});
-
-  // Jobs that can be under way at once; keep somewhat more submitted. Changes as workers join and
-  // leave; never zero.
-  int parallelism() const;
+  // Changes as workers join and leave.
+  int parallelism() const override;
 
   RenderStatistics statistics() const;
 
@@ -77,10 +63,5 @@ class RenderPool {
   class Impl;
   std::unique_ptr<Impl> impl_;
 };
-
-// A reply that was submitted. Throws Error (kCancelled) within a tenth of a second after a stop is
-// requested, and what the future throws.
-v1::RenderGradReply wait_for_render(std::future<v1::RenderGradReply>& future,
-                                    const std::stop_token& stop);
 
 }  // namespace itn

@@ -6,8 +6,8 @@
 #include <chrono>
 #include <stop_token>
 
+#include "client/render/render_job.h"
 #include "client/render_pool/outcome.h"
-#include "client/render_pool/render_job.h"
 #include "itn/v1/render.pb.h"
 
 namespace itn {

@@ -7,7 +7,7 @@
 #include <cstring>
 #include <limits>
 
-#include "client/render_pool/tiles.h"
+#include "client/render/tiles.h"
 #include "common/error.h"
 #include "common/scene/derivative_count.h"
 

@@ -1,7 +1,7 @@
 // Whether a reply can be the answer to a request.
 #pragma once
 
-#include "client/render_pool/render_job.h"
+#include "client/render/render_job.h"
 #include "itn/v1/render.pb.h"
 
 namespace itn {

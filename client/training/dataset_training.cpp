@@ -69,7 +69,8 @@ LabelledImages with_labels(LabelledImages images, const v1::TrainingConfig& conf
 }
 
 RerenderingEvaluator image_term_of(const v1::TrainingConfig& config,
-                                   const std::function<RenderPool&()>& pool, std::stop_token stop) {
+                                   const std::function<JobRenderer&()>& pool,
+                                   std::stop_token stop) {
   if (config.loss() != v1::TrainingConfig::ITN) return {};
   return pool_rerendering(
       pool(),
@@ -115,7 +116,7 @@ DatasetTraining::DatasetTraining(const v1::TrainingConfig& config, DatasetReader
   warn_of_albedos_out_of_reach(images_.truth, start_.bounds(), "the network");
 }
 
-TrainingEnd DatasetTraining::train(const std::function<RenderPool&()>& pool) {
+TrainingEnd DatasetTraining::train(const std::function<JobRenderer&()>& pool) {
   return itn::train(config_, images_, inputs_, start_, image_term_of(config_, pool, run_.stop),
                     run_);
 }

@@ -6,7 +6,7 @@
 #include <optional>
 
 #include "client/dataset/dataset.h"
-#include "client/render_pool/render_pool.h"
+#include "client/render/job_renderer.h"
 #include "client/training/packed_inputs.h"
 #include "client/training/training_run.h"
 #include "client/training/training_set.h"
@@ -33,7 +33,7 @@ class DatasetTraining {
 
   // Trains as itn::train() does. `pool` is called if the loss renders; what it returns must outlive
   // the call.
-  TrainingEnd train(const std::function<RenderPool&()>& pool);
+  TrainingEnd train(const std::function<JobRenderer&()>& pool);
 
  private:
   // Images that are not learned from.

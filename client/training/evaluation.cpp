@@ -13,8 +13,8 @@
 #include "client/dataset/sampler.h"
 #include "client/image/colour_difference.h"
 #include "client/image/ms_ssim.h"
-#include "client/render_pool/render_pool.h"
-#include "client/render_pool/render_query.h"
+#include "client/render/job_renderer.h"
+#include "client/render/render_query.h"
 #include "client/training/augmentation.h"
 #include "client/training/noise_map.h"
 #include "client/training/shape_bootstrap.h"
@@ -453,7 +453,7 @@ std::vector<uint32_t> spread(size_t count, size_t total) {
   return chosen;
 }
 
-std::vector<float> rerender(DatasetReader& dataset, RenderPool& pool, const v1::DatasetItem& item,
+std::vector<float> rerender(DatasetReader& dataset, JobRenderer& pool, const v1::DatasetItem& item,
                             const Material& material, uint32_t spp, std::stop_token stop,
                             size_t colour) {
   const bool in_colour = item.channel() == v1::Film::RGB;
@@ -472,7 +472,7 @@ std::vector<float> rerender(DatasetReader& dataset, RenderPool& pool, const v1::
   return image;
 }
 
-ImageErrors image_errors(DatasetReader& dataset, RenderPool& pool, const LabelledImages& images,
+ImageErrors image_errors(DatasetReader& dataset, JobRenderer& pool, const LabelledImages& images,
                          std::span<const uint32_t> chosen, std::span<const Material> predictions,
                          uint32_t spp, const std::function<void()>& progress,
                          std::stop_token stop) {
@@ -495,7 +495,7 @@ ImageErrors image_errors(DatasetReader& dataset, RenderPool& pool, const Labelle
   return errors;
 }
 
-std::vector<std::array<double, 3>> sphere_colours(RenderPool& pool, const LabelledImages& images,
+std::vector<std::array<double, 3>> sphere_colours(JobRenderer& pool, const LabelledImages& images,
                                                   std::span<const uint32_t> chosen,
                                                   std::span<const Material> materials, uint32_t spp,
                                                   const std::function<void()>& progress,

@@ -8,7 +8,7 @@
 #include <stop_token>
 #include <vector>
 
-#include "client/render_pool/render_pool.h"
+#include "client/render/job_renderer.h"
 #include "client/training/training_set.h"
 #include "common/learning/parameterization.h"
 #include "common/learning/predictor.h"
@@ -68,7 +68,7 @@ std::vector<uint32_t> spread(size_t count, size_t total);
 
 // One image rendered with a material, at the scene of an item; of one in colour the image of this
 // colour: 0 to 2 are red, green and blue.
-std::vector<float> rerender(DatasetReader& dataset, RenderPool& pool, const v1::DatasetItem& item,
+std::vector<float> rerender(DatasetReader& dataset, JobRenderer& pool, const v1::DatasetItem& item,
                             const Material& material, uint32_t spp, std::stop_token stop = {},
                             size_t colour = 0);
 
@@ -80,7 +80,7 @@ struct ImageErrors {
 
 // The errors of the images of these numbers, in each of their channels, rendered again with the
 // predictions; black ones count 0. `progress` is called after each.
-ImageErrors image_errors(DatasetReader& dataset, RenderPool& pool, const LabelledImages& images,
+ImageErrors image_errors(DatasetReader& dataset, JobRenderer& pool, const LabelledImages& images,
                          std::span<const uint32_t> chosen, std::span<const Material> predictions,
                          uint32_t spp, const std::function<void()>& progress,
                          std::stop_token stop = {});
@@ -88,7 +88,7 @@ ImageErrors image_errors(DatasetReader& dataset, RenderPool& pool, const Labelle
 // For images in colour of these numbers, sphere_colour() of these materials, which are of all
 // images, behind the surface of each. The same random numbers each time. `progress` is called after
 // each.
-std::vector<std::array<double, 3>> sphere_colours(RenderPool& pool, const LabelledImages& images,
+std::vector<std::array<double, 3>> sphere_colours(JobRenderer& pool, const LabelledImages& images,
                                                   std::span<const uint32_t> chosen,
                                                   std::span<const Material> materials, uint32_t spp,
                                                   const std::function<void()>& progress,

@@ -3,7 +3,7 @@
 #include <vector>
 
 #include "client/in_parallel.h"
-#include "client/render_pool/render_query.h"
+#include "client/render/render_query.h"
 #include "common/learning/network_input.h"
 
 namespace itn {

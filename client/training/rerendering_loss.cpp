@@ -2,11 +2,11 @@
 
 #include <future>
 
-#include "client/render_pool/render_pool.h"
+#include "client/render/job_renderer.h"
 
 namespace itn {
 
-RerenderingEvaluator pool_rerendering(RenderPool& pool, const RerenderingSettings& settings,
+RerenderingEvaluator pool_rerendering(JobRenderer& pool, const RerenderingSettings& settings,
                                       std::stop_token stop) {
   return [&pool, settings, stop](std::span<const RenderQuery> queries) {
     std::vector<std::future<v1::RenderGradReply>> replies;

@@ -8,7 +8,7 @@
 #include <stop_token>
 #include <vector>
 
-#include "client/render_pool/render_query.h"
+#include "client/render/render_query.h"
 
 namespace itn {
 
@@ -24,7 +24,7 @@ struct RerenderingSettings {
 };
 
 // Renders all queries at the same time by a pool, which must outlive it, with these samples.
-RerenderingEvaluator pool_rerendering(RenderPool& pool, const RerenderingSettings& settings,
+RerenderingEvaluator pool_rerendering(JobRenderer& pool, const RerenderingSettings& settings,
                                       std::stop_token stop = {});
 
 }  // namespace itn

@@ -3,7 +3,7 @@
 #include <future>
 #include <vector>
 
-#include "client/render_pool/render_query.h"
+#include "client/render/render_query.h"
 #include "common/scene/scene_bytes.h"
 
 namespace itn {
@@ -40,7 +40,7 @@ double mean_on_object(const Render& render) {
 
 }  // namespace
 
-std::array<double, 3> sphere_colour(RenderPool& pool, std::span<const Material> colours,
+std::array<double, 3> sphere_colour(JobRenderer& pool, std::span<const Material> colours,
                                     const std::optional<v1::RoughDielectric>& boundary,
                                     uint32_t spp, uint64_t seed, std::stop_token stop) {
   const auto scene = serialize(scene_of(boundary));

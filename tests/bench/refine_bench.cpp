@@ -14,8 +14,8 @@
 #include <vector>
 
 #include "client/refine/refinement.h"
+#include "client/render/reply_images.h"
 #include "client/render_pool/render_pool.h"
-#include "client/render_pool/reply_images.h"
 #include "client/scene/text_proto.h"
 #include "common/random.h"
 #include "common/scene/material_proto.h"

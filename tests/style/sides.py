@@ -12,7 +12,7 @@ ONE_SIDED = {
 }
 SIDES = ("server", "client")
 # All that the client knows of the server: rendering inside the program.
-DOORS = ("server/renderer.h", "server/render/render_server.h")
+DOORS = ("server/renderer.h", "server/render/render_server.h", "server/render/request_render.h")
 
 includes = {}
 for side in ("common", *SIDES):

@@ -18,6 +18,7 @@
 #include "client/files/folder_lock.h"
 #include "client/image/attributes.h"
 #include "client/image/image.h"
+#include "client/render_pool/render_pool.h"
 #include "common/scene/wire_array.h"
 #include "tests/client/dataset/dataset_support.h"
 

@@ -10,6 +10,7 @@
 #include "client/dataset/panorama.h"
 #include "client/dataset/plan.h"
 #include "client/image/spectrum.h"
+#include "client/render_pool/render_pool.h"
 #include "common/geometry/mesh.h"
 #include "common/scene/mesh_builder.h"
 #include "common/scene/scene_bytes.h"

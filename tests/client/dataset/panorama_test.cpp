@@ -11,6 +11,7 @@
 #include "client/dataset/item_scene.h"
 #include "client/dataset/panorama_set.h"
 #include "client/image/image.h"
+#include "client/render_pool/render_pool.h"
 #include "common/random.h"
 #include "common/scene/scene_bytes.h"
 #include "common/scene/wire_array.h"

@@ -5,6 +5,7 @@
 #include <array>
 #include <vector>
 
+#include "client/render_pool/render_pool.h"
 #include "client/scene/text_proto.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_bytes.h"

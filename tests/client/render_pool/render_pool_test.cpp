@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "client/render/local_renderer.h"
 #include "common/error.h"
 #include "tests/support/paths.h"
 #include "tests/support/process.h"
@@ -61,7 +62,7 @@ std::vector<RenderJob> jobs(int count, uint32_t spp = 16) {
   return jobs;
 }
 
-std::vector<std::string> render_all(RenderPool& pool, const std::vector<RenderJob>& jobs) {
+std::vector<std::string> render_all(JobRenderer& pool, const std::vector<RenderJob>& jobs) {
   std::vector<std::future<v1::RenderGradReply>> futures;
   for (const RenderJob& job : jobs) futures.push_back(pool.submit(job));
   std::vector<std::string> replies;
@@ -97,6 +98,9 @@ TEST(RenderPool, GivesTheSameBytesInEveryArrangement) {
   const auto expected = render_all(embedded, all);
   EXPECT_EQ(render_all(one, all), expected);
   EXPECT_EQ(render_all(two, all), expected);
+  SceneCache cache(size_t{64} << 20);
+  LocalRenderer local(cache);
+  EXPECT_EQ(render_all(local, all), expected);
   EXPECT_EQ(two.statistics().jobs, 12U);
   EXPECT_EQ(two.statistics().retries, 0U);
   EXPECT_GT(two.statistics().cpu_seconds, 0);

@@ -1,4 +1,5 @@
 #include "client/training/evaluation.h"
+#include "client/render_pool/render_pool.h"
 
 #include <algorithm>
 #include <array>

@@ -19,6 +19,7 @@
 #include "client/dataset/dataset_config.h"
 #include "client/dataset/dataset_render.h"
 #include "client/dataset/distribution.h"
+#include "client/render_pool/render_pool.h"
 #include "client/training/augmentation.h"
 #include "client/training/evaluation.h"
 #include "client/training/training.h"

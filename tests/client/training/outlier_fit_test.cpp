@@ -1,5 +1,6 @@
 // A small network of its own, and what it says of images that it was not made for.
 #include "client/training/outlier_fit.h"
+#include "client/render_pool/render_pool.h"
 
 #include <gmock/gmock.h>
 

@@ -14,6 +14,7 @@
 #include "client/dataset/dataset_render.h"
 #include "client/dataset/plan.h"
 #include "client/dataset/shape_set.h"
+#include "client/render_pool/render_pool.h"
 #include "client/training/augmentation.h"
 #include "client/training/evaluation.h"
 #include "client/training/outlier_fit.h"

@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "client/render_pool/render_pool.h"
 #include "client/training/evaluation.h"
 #include "tests/support/statistics.h"
 

@@ -1,4 +1,4 @@
-#include "client/render_pool/shared_colours.h"
+#include "client/render/shared_colours.h"
 
 #include <algorithm>
 #include <cmath>

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "client/render_pool/render_job.h"
+#include "client/render/render_job.h"
 #include "common/material.h"
 #include "common/render_estimate.h"
 #include "common/scene/scene_bytes.h"
@@ -20,7 +20,7 @@
 
 namespace itn {
 
-class RenderPool;
+class JobRenderer;
 
 // A number of the scene, by the name of its derivative (RenderGradRequest.values).
 struct SceneValue {
@@ -65,8 +65,7 @@ Render render_of(const v1::RenderGradReply& reply);
 // Renders each of them. May throw Error.
 using Renderer = std::function<std::vector<Render>(std::span<const RenderQuery>)>;
 
-// All at the same time by a pool, which must outlive it; each of them by several workers, if there
-// are.
-Renderer rendered_by(RenderPool& pool, std::stop_token stop = {});
+// All at the same time by a JobRenderer, which must outlive it.
+Renderer rendered_by(JobRenderer& renderer, std::stop_token stop = {});
 
 }  // namespace itn

@@ -7,12 +7,12 @@
 #include <span>
 #include <vector>
 
-#include "client/render_pool/render_job.h"
+#include "client/render/render_job.h"
 #include "itn/v1/render.pb.h"
 
 namespace itn {
 
-class RenderPool;
+class JobRenderer;
 
 // When to render no more: whatever comes first.
 struct RenderGoal {
@@ -54,12 +54,12 @@ struct RoundsReply {
 };
 
 // If `progress` throws an Error of kCancelled and a round is done, that is what comes back.
-// `progress(so_far, round, fraction)` is called as RenderPool::render_split does, in each round of
+// `progress(so_far, round, fraction)` is called as JobRenderer::render_split does, in each round of
 // so many samples. Throws what that throws.
 using RoundProgress =
     std::function<void(const RenderedSoFar& so_far, uint32_t round, double fraction)>;
-RoundsReply render_rounds(RenderPool& pool, std::span<const RenderJob> jobs, const RenderGoal& goal,
-                          std::chrono::steady_clock::time_point start,
+RoundsReply render_rounds(JobRenderer& renderer, std::span<const RenderJob> jobs,
+                          const RenderGoal& goal, std::chrono::steady_clock::time_point start,
                           const RoundProgress& progress);
 
 }  // namespace itn

@@ -1,4 +1,4 @@
-#include "client/render_pool/shared_colours.h"
+#include "client/render/shared_colours.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "client/measured_media.h"
-#include "client/render_pool/render_job.h"
+#include "client/render/render_job.h"
 #include "tests/support/scenes.h"
 
 namespace itn {

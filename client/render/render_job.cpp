@@ -1,4 +1,4 @@
-#include "client/render_pool/render_job.h"
+#include "client/render/render_job.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>

@@ -1,6 +1,6 @@
-#include "client/render_pool/render_query.h"
+#include "client/render/render_query.h"
 
-#include "client/render_pool/render_pool.h"
+#include "client/render/job_renderer.h"
 #include "common/error.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/wire_array.h"
@@ -43,12 +43,12 @@ Render render_of(const v1::RenderGradReply& reply) {
   return render;
 }
 
-Renderer rendered_by(RenderPool& pool, std::stop_token stop) {
-  return [&pool, stop](std::span<const RenderQuery> queries) {
+Renderer rendered_by(JobRenderer& renderer, std::stop_token stop) {
+  return [&renderer, stop](std::span<const RenderQuery> queries) {
     std::vector<RenderJob> jobs;
     for (const RenderQuery& query : queries) jobs.push_back(job_of(query));
     std::vector<Render> renders;
-    for (const v1::RenderGradReply& reply : pool.render_split(jobs, [&](double /*fraction*/) {
+    for (const v1::RenderGradReply& reply : renderer.render_split(jobs, [&](double /*fraction*/) {
            if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
          })) {
       renders.push_back(render_of(reply));

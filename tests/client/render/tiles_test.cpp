@@ -1,4 +1,4 @@
-#include "client/render_pool/tiles.h"
+#include "client/render/tiles.h"
 
 #include <gtest/gtest.h>
 

@@ -1,11 +1,11 @@
-#include "client/render_pool/render_rounds.h"
+#include "client/render/render_rounds.h"
 
 #include <algorithm>
 #include <cmath>
 
-#include "client/render_pool/render_pool.h"
-#include "client/render_pool/reply_images.h"
-#include "client/render_pool/tiles.h"
+#include "client/render/job_renderer.h"
+#include "client/render/reply_images.h"
+#include "client/render/tiles.h"
 #include "common/error.h"
 #include "common/scene/wire_array.h"
 
@@ -139,8 +139,8 @@ void add_samples(const v1::RenderGradReply& further, uint32_t further_spp,
   add_counters(further.counters(), *reply.mutable_counters());
 }
 
-RoundsReply render_rounds(RenderPool& pool, std::span<const RenderJob> jobs, const RenderGoal& goal,
-                          std::chrono::steady_clock::time_point start,
+RoundsReply render_rounds(JobRenderer& renderer, std::span<const RenderJob> jobs,
+                          const RenderGoal& goal, std::chrono::steady_clock::time_point start,
                           const RoundProgress& progress) {
   RoundsReply result;
   RenderedSoFar so_far;
@@ -153,7 +153,8 @@ RoundsReply render_rounds(RenderPool& pool, std::span<const RenderJob> jobs, con
     const double before = seconds_since(start);
     std::vector<v1::RenderGradReply> replies;
     try {
-      replies = pool.render_split(round, [&](double fraction) { progress(so_far, spp, fraction); });
+      replies =
+          renderer.render_split(round, [&](double fraction) { progress(so_far, spp, fraction); });
     } catch (const Error& error) {
       if (error.kind() != ErrorKind::kCancelled || so_far.spp == 0) throw;
       result.interrupted = true;

@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "client/render_pool/render_job.h"
+#include "client/render/render_job.h"
 #include "itn/v1/render.pb.h"
 
 namespace itn {

@@ -1,5 +1,5 @@
 // Rendering until an image is good enough.
-#include "client/render_pool/render_rounds.h"
+#include "client/render/render_rounds.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "client/render_pool/render_pool.h"
-#include "client/render_pool/reply_images.h"
+#include "client/render/local_renderer.h"
+#include "client/render/reply_images.h"
 #include "common/scene/wire_array.h"
 #include "tests/support/scenes.h"
 
@@ -76,12 +76,6 @@ RenderJob job() {
   return job;
 }
 
-RenderPoolOptions embedded() {
-  RenderPoolOptions options;
-  options.embedded_threads = 1;
-  return options;
-}
-
 // Instead of its material and albedo.
 RenderJob job_in_colours() {
   RenderJob in_colours = job();
@@ -135,20 +129,22 @@ void expect_same(const v1::RenderGradReply& rounds, const v1::RenderGradReply& w
 }
 
 TEST(RenderRounds, MakeTheImageOfAllSamples) {
-  RenderPool pool(embedded());
+  SceneCache cache(size_t{64} << 20);
+  LocalRenderer renderer(cache, 1);
   for (RenderJob part : {job(), job_in_colours()}) {
-    const v1::RenderGradReply whole = pool.submit(part).get();
+    const v1::RenderGradReply whole = renderer.submit(part).get();
     part.request.set_spp(21);
-    v1::RenderGradReply rounds = pool.submit(part).get();
+    v1::RenderGradReply rounds = renderer.submit(part).get();
     part.request.set_spp(50 - 21);
     part.request.set_first_sample(21);
-    add_samples(pool.submit(part).get(), 50 - 21, rounds, 21);
+    add_samples(renderer.submit(part).get(), 50 - 21, rounds, 21);
     expect_same(rounds, whole);
   }
 }
 
 TEST(RenderRounds, EndWhenTheNoisiestImageIsGoodEnough) {
-  RenderPool pool(embedded());
+  SceneCache cache(size_t{64} << 20);
+  LocalRenderer renderer(cache, 1);
   std::vector<RenderJob> jobs{job(), job()};
   jobs[1].request.mutable_material()->set_albedo(0.5);
   const auto noise = [](const v1::RenderGradReply& reply, uint32_t spp) {
@@ -158,7 +154,7 @@ TEST(RenderRounds, EndWhenTheNoisiestImageIsGoodEnough) {
   const RenderGoal goal{.noise = 0.05, .spp = 1 << 20, .estimates = 3};
   uint32_t rounds = 0, begun = 1;
   const RoundsReply done =
-      render_rounds(pool, jobs, goal, steady_clock::now(),
+      render_rounds(renderer, jobs, goal, steady_clock::now(),
                     [&](const RenderedSoFar& so_far, uint32_t /*round*/, double /*fraction*/) {
                       if (begun != so_far.spp) ++rounds;
                       begun = so_far.spp;
@@ -168,7 +164,7 @@ TEST(RenderRounds, EndWhenTheNoisiestImageIsGoodEnough) {
   for (size_t i = 0; i < jobs.size(); ++i) {
     EXPECT_LE(noise(done.replies[i], done.spp), goal.noise);
     jobs[i].request.set_spp(done.spp);
-    expect_same(done.replies[i], pool.submit(jobs[i]).get());
+    expect_same(done.replies[i], renderer.submit(jobs[i]).get());
   }
   EXPECT_GT(std::max(noise(done.replies[0], done.spp), noise(done.replies[1], done.spp)),
             0.8 * goal.noise);  // and hardly better
