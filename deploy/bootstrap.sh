@@ -27,8 +27,8 @@ packages=(
   help2man
   # Certificates for tests and trials
   openssl
-  # The client in another language that the tests run
-  python3 python3-grpcio python3-protobuf python3-numpy
+  # The Python package, and the client in another language that the tests run
+  python3 python3-dev python3-venv python3-grpcio python3-protobuf python3-numpy python3-torch
 )
 
 missing() {
@@ -49,19 +49,26 @@ EOF
 fi
 
 mapfile -t wanted < <(missing)
-if ((${#wanted[@]} == 0)); then
-  exit 0
+if ((${#wanted[@]} > 0)); then
+  as_root=()
+  if ((EUID != 0)); then
+    if ! command -v sudo >/dev/null; then
+      echo "bootstrap.sh: run this as root, or install sudo: packages are missing: ${wanted[*]}" >&2
+      exit 1
+    fi
+    as_root=(sudo)
+  fi
+  echo "Installing: ${wanted[*]}"
+  "${as_root[@]}" apt-get update -qq
+  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
+    apt-get install -qq -y --no-install-recommends "${wanted[@]}"
 fi
 
-as_root=()
-if ((EUID != 0)); then
-  if ! command -v sudo >/dev/null; then
-    echo "bootstrap.sh: run this as root, or install sudo: packages are missing: ${wanted[*]}" >&2
-    exit 1
-  fi
-  as_root=(sudo)
+# What the Python package is compiled with, in a folder of its own: Debian 12 does not have it.
+tools=$(dirname "${BASH_SOURCE[0]}")/../build/python
+nanobind=3.1.0
+if ! "$tools/bin/python" -m nanobind --version 2>/dev/null | grep -qxF "$nanobind"; then
+  echo "Installing: nanobind $nanobind, into build/python"
+  /usr/bin/python3 -m venv --system-site-packages "$tools"
+  "$tools/bin/pip" install -q --disable-pip-version-check "nanobind==$nanobind"
 fi
-echo "Installing: ${wanted[*]}"
-"${as_root[@]}" apt-get update -qq
-"${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
-  apt-get install -qq -y --no-install-recommends "${wanted[@]}"

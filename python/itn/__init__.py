@@ -1,0 +1,17 @@
+"""Translucent materials: renders with derivatives, and materials from images.
+
+    import itn
+    scene = itn.load("cube.textproto")
+    r = itn.render(scene, sigma_t=60, albedo=.8, g=.3, spp=256, derivatives=["sigma_t"])
+    r.image, r.stderr, r.derivatives["sigma_t"]
+"""
+from .analysis import Answer, Prediction, Refinement, fit, predict, refine
+from ._core import Stop, __version__, derivative_names
+from .errors import Cancelled, Error, FileError, InvalidInput, LimitExceeded, Unavailable
+from .media import Medium, materials
+from .rendering import Render, render, render_many
+from .scene import Number, Scene, load, scene
+
+__all__ = ["Answer", "Cancelled", "Error", "FileError", "InvalidInput", "LimitExceeded", "Medium", "Number", "Prediction", "Refinement", "Render", "Scene",
+           "Stop", "Unavailable", "__version__", "derivative_names", "fit", "load", "materials", "predict", "refine", "render", "render_many",
+           "scene"]

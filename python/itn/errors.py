@@ -1,0 +1,39 @@
+"""What itn raises, and warns of. Every message says what is wrong, where, and what would be right."""
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+
+
+class Error(Exception):
+    """Something went wrong that is none of the kinds below: a fault of itn's."""
+
+
+class InvalidInput(Error, ValueError):
+    """A value, a scene, a mesh or an image cannot be used."""
+
+
+class FileError(Error, OSError):
+    """A file is missing, cannot be read or written, or is damaged."""
+
+
+class LimitExceeded(Error):
+    """The renderer, or a worker, does not take so much at a time."""
+
+
+class Unavailable(Error):
+    """No worker or predictor answers."""
+
+
+class Cancelled(Error):
+    """What was under way was cancelled from another thread."""
+
+
+def warn(message: str) -> None:
+    """Warns where the caller of the package is."""
+    package = os.path.dirname(__file__)
+    frame, level = sys._getframe(), 1
+    while frame.f_back is not None and os.path.dirname(frame.f_code.co_filename) == package:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, stacklevel=level)

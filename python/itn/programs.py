@@ -1,0 +1,92 @@
+"""The programs of itn as child processes: what needs LibTorch, gRPC or files of cameras is in them."""
+from __future__ import annotations
+
+import os
+import pathlib
+import re
+import shutil
+import signal
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from typing import IO, Any
+
+from .errors import Cancelled, Error, FileError, InvalidInput, LimitExceeded, Unavailable, warn
+
+# docs/errors.md
+_OF_EXIT_CODE = {2: InvalidInput, 3: InvalidInput, 4: FileError, 5: Unavailable, 6: FileError, 7: LimitExceeded,
+                 130: Cancelled}
+# What the programs put before a line that they log.
+_LOGGED = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+ (?:warning|error|info) ")
+
+
+def find(name: str) -> str:
+    """The path of a program of itn: in the folder that the variable ITN_BIN names, or of the package, of its build, or
+    on the PATH."""
+    package = pathlib.Path(__file__).parent
+    # In a build the files of the package are links, but the folder is the build's.
+    folders = [os.environ.get("ITN_BIN"), package / "bin", pathlib.Path(_package_folder()).parents[1] / "bin"]
+    for folder in folders:
+        if folder and os.access(pathlib.Path(folder) / name, os.X_OK):
+            return str(pathlib.Path(folder) / name)
+    if found := shutil.which(name):
+        return found
+    raise FileError(f"there is no program {name}: the variable ITN_BIN names the folder of itn's programs")
+
+
+def _package_folder() -> str:
+    from . import _core
+    return os.path.dirname(os.path.abspath(_core.__file__))
+
+
+def arguments(flags: dict[str, Any]) -> list[str]:
+    """Flags of a command line by their names in Python: object_size=82 is --object-size 82. None and False are no
+    flag, True is one without a value, and of several values there is a list with commas."""
+    given = []
+    for name, value in flags.items():
+        if value is None or value is False:
+            continue
+        given.append("--" + name.rstrip("_").replace("_", "-"))
+        if value is True:
+            continue
+        several = isinstance(value, Sequence) and not isinstance(value, str) or hasattr(value, "tolist")
+        values = value.tolist() if hasattr(value, "tolist") else value
+        values = values if several and isinstance(values, Sequence) else [values]
+        given.append(",".join(os.fspath(v) if isinstance(v, os.PathLike) else repr(v) if isinstance(v, float) else str(v)
+                              for v in values))
+    return given
+
+
+def run(command: str, positional: Sequence[str], flags: dict[str, Any]) -> str:
+    """Runs a command of itn and returns what it prints. What it warns of are warnings here. Ctrl-C ends it."""
+    with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as messages:
+        child = subprocess.Popen([find("itn"), command, *arguments({"quiet": True, **flags}), "--", *positional],
+                                 stdin=subprocess.DEVNULL, stdout=output, stderr=messages, start_new_session=True)
+        try:
+            child.wait()
+        except BaseException:
+            _end(child)
+            raise
+        said = [line for line in _text(messages).splitlines() if line.strip()]
+        if child.returncode != 0:
+            mistakes = [line.removeprefix("itn: ") for line in said if not _LOGGED.match(line) and "--help" not in line]
+            message = "\n".join(mistakes) or f"itn {command} ended with exit code {child.returncode}"
+            raise _OF_EXIT_CODE.get(child.returncode, Error)(message)
+        for line in said:
+            warn(_LOGGED.sub("", line).removeprefix("itn: "))
+        return _text(output)
+
+
+def _text(file: IO[bytes]) -> str:
+    file.seek(0)
+    return file.read().decode("utf-8", "replace")
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    """As Ctrl-C in a shell does, and for good if that takes long."""
+    child.send_signal(signal.SIGINT)
+    try:
+        child.wait(timeout=5)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        child.wait()

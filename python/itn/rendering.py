@@ -1,0 +1,296 @@
+"""Renders: images of a scene, and derivatives in its numbers."""
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from . import _core
+from .errors import InvalidInput, warn
+from .scene import Scene, load
+
+#: A number, or three of red, green and blue.
+Numbers = float | Sequence[float] | np.ndarray
+
+MAX_SEED = (1 << 64) - 1
+
+
+@dataclass(frozen=True)
+class Render:
+    """An image and what is known of it. Arrays are of float32, of the shape (height, width), of an
+    image in colour (height, width, 3), top row first; they can be written to."""
+
+    #: Radiance, in W/(m^2 sr).
+    image: np.ndarray
+    #: Standard error of `image`; 0 where there is one sample only.
+    stderr: np.ndarray
+    #: The part of each pixel that the object covers, (height, width).
+    mask: np.ndarray
+    #: By name: the derivative of `image`, in radiance by the unit of the number.
+    derivatives: dict[str, np.ndarray]
+    #: By name: the standard error of that; empty unless there are two estimates at least.
+    derivative_stderr: dict[str, np.ndarray]
+    #: `image` of each estimate, (estimates, height, width) or (estimates, height, width, 3).
+    estimates: np.ndarray
+    #: By name: the derivative of each estimate, of the same shape.
+    derivative_estimates: dict[str, np.ndarray]
+    #: Samples per pixel.
+    spp: int
+    #: That it took.
+    seconds: float
+    #: (sigma_t, albedo, g) of each channel; sigma_t in 1/mm.
+    materials: list[tuple[float, float, float]]
+    #: paths, steps, invalid_samples, leaks, cpu_seconds.
+    counters: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def noise(self) -> float:
+        """The root mean square of the standard error of the pixels that see the object, over their mean
+        radiance: of the noisiest channel. Of all pixels if none sees it; 0 if they are dark."""
+        weight = self.mask if self.mask.any() else np.ones_like(self.mask)
+        noise = 0.0
+        for image, error in zip(self._channels(self.image), self._channels(self.stderr)):
+            light = float((weight * image).sum(dtype=np.float64))
+            if light > 0:
+                squares = float((weight * np.square(error, dtype=np.float64)).sum())
+                noise = max(noise, np.sqrt(squares * float(weight.sum(dtype=np.float64))) / light)
+        return noise
+
+    @staticmethod
+    def _channels(array: np.ndarray) -> list[np.ndarray]:
+        return [array] if array.ndim == 2 else [array[..., c] for c in range(array.shape[-1])]
+
+    def png(self, exposure: float = 0) -> bytes:
+        """A PNG file to look at: white is the brightest on the object, `exposure` stops brighter."""
+        shown = self.image[self.mask > 0.5]
+        shown = shown if shown.size else self.image
+        white = float(np.quantile(shown, 0.99)) / 2.0 ** exposure if shown.size else 0.0
+        linear = np.clip(self.image / white if white > 0 else self.image, 0, 1)
+        encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+        pixels = np.round(255 * encoded).astype(np.uint8)
+        return _core.encode_png(np.ascontiguousarray(np.broadcast_to(pixels.reshape(*self.mask.shape, -1),
+                                                                     (*self.mask.shape, 3))))
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Writes an OpenEXR file with the layers that `itn render` writes: R, G and B, or Y, its stderr, mask.Y and
+        derivatives. A file whose name ends in .png is what png() returns."""
+        name = os.fspath(path)
+        if name.lower().endswith(".png"):
+            temporary = f"{name}.{os.getpid()}.part"
+            with open(temporary, "wb") as file:
+                file.write(self.png())
+            os.replace(temporary, name)
+            return
+        colours = ("Y",) if self.image.ndim == 2 else ("R", "G", "B")
+        planes = [("mask.Y", self.mask)]
+        for prefix, array in [("", self.image), ("stderr.", self.stderr),
+                              *((f"{d}.", array) for d, array in self.derivatives.items()),
+                              *((f"stderr.{d}.", array) for d, array in self.derivative_stderr.items())]:
+            planes += [(prefix + colour, np.ascontiguousarray(plane))
+                       for colour, plane in zip(colours, self._channels(array))]
+        _core.write_exr(name, planes)
+
+    def _repr_png_(self) -> bytes:
+        return self.png()
+
+    def __repr__(self) -> str:
+        height, width = self.mask.shape
+        names = f", derivatives in {', '.join(self.derivatives)}" if self.derivatives else ""
+        return (f"<itn.Render: {width} x {height} pixels{', in colour' if self.image.ndim == 3 else ''}, "
+                f"{self.spp} samples per pixel, noise {100 * self.noise:.2g} %, {self.seconds:.2g} s{names}>")
+
+
+def numbers(name: str, value: Numbers) -> list[float]:
+    """One number, or three."""
+    try:
+        array = np.asarray(value, dtype=np.float64).ravel()
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{name} {value!r}: it is a number, or three of red, green and blue") from None
+    if array.size not in (1, 3) or not np.isfinite(array).all():
+        raise InvalidInput(f"{name} {value!r}: it is a number, or three of red, green and blue")
+    return array.tolist()
+
+
+def whole(name: str, value: Any, low: int, high: int) -> int:
+    """A whole number in a range."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
+        raise InvalidInput(f"{name} {value!r}: it is a whole number from {low} to {high}")
+    return int(value)
+
+
+def positive(name: str, value: Any) -> float:
+    """A number above 0."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not 0 < value < np.inf:
+        raise InvalidInput(f"{name} {value!r}: it is a number above 0")
+    return float(value)
+
+
+def processors(threads: int | None) -> int:
+    """So many threads as are asked for, or one for each processor that this process may use."""
+    return len(os.sched_getaffinity(0)) if threads is None else whole("threads", threads, 1, 1024)
+
+
+def as_scene(scene: Scene | str | os.PathLike[str]) -> Scene:
+    """A scene, or that of a file."""
+    if isinstance(scene, Scene):
+        return scene
+    if isinstance(scene, (str, os.PathLike)):
+        return load(scene)
+    raise InvalidInput(f"scene {type(scene).__name__}: it is what itn.load or itn.scene returns, or a path")
+
+
+def set_medium(request: _core.Request, scene: Scene, sigma_t: Numbers | None, albedo: Numbers | None, g: Numbers | None,
+               medium: str | None, object_size: float | None, phase: str | None) -> bool:
+    """Puts the medium into a request: that which is given, or the scene's. Whether it is in colour."""
+    given = [name for name, value in (("sigma_t", sigma_t), ("albedo", albedo), ("g", g), ("phase", phase))
+             if value is not None]
+    if medium is not None and given:
+        raise InvalidInput(f"medium and {given[0]}: give a measured medium, or numbers")
+    if object_size is not None and medium is None:
+        raise InvalidInput("object_size: it goes with medium")
+    if g is not None and phase is not None:
+        raise InvalidInput("g and phase: a phase function says itself what its mean cosine is")
+    if medium is None and not given:
+        name, size = scene._core.medium()
+        materials = scene._core.materials()
+        if name:
+            request.medium, request.object_size = name, size
+        elif materials:
+            request.set_material(*(list(kind) for kind in zip(*materials)))
+        else:
+            raise InvalidInput("sigma_t and albedo are required, or medium, or a medium or material in the "
+                               "scene's object")
+        return False
+    if medium is not None:
+        request.medium = str(medium)
+        request.object_size = 0.0 if object_size is None else positive("object_size", object_size)
+        return False
+    if sigma_t is None or albedo is None:
+        raise InvalidInput("sigma_t and albedo are both required where one of the medium's numbers is given")
+    kinds = [numbers("sigma_t", sigma_t), numbers("albedo", albedo), [] if g is None else numbers("g", g)]
+    request.set_material(*kinds)
+    request.set_phase("" if phase is None else phase)
+    return any(len(kind) == 3 for kind in kinds)
+
+
+def render(scene: Scene | str | os.PathLike[str], *, sigma_t: Numbers | None = None, albedo: Numbers | None = None,
+           g: Numbers | None = None, medium: str | None = None, object_size: float | None = None,
+           phase: str | None = None, spp: int | None = None, noise: float | None = None,
+           time: float | None = None, seed: int = 0, derivatives: Sequence[str] = (), estimates: int = 1,
+           pilot_spp: int = 0, values: Mapping[str, float] | None = None, resolution: int | tuple[int, int] | None = None,
+           colour: bool | None = None, pixels: str = "all", tracer: str = "wavefront", threads: int | None = None,
+           progress: Callable[[float], Any] | None = None, stop: _core.Stop | None = None) -> Render:
+    """Renders an image of the scene and derivatives of it.
+
+    scene: what itn.load or itn.scene returns, or the path of a scene file.
+    sigma_t, albedo, g: the medium: extinction in 1/mm, single-scattering albedo, mean cosine (default 0); three
+        numbers of one of them, of red, green and blue, make an image in colour. Default: the scene's own medium.
+    medium, object_size: instead, a measured medium (itn.materials), in an object that stands for one whose
+        longest side is object_size, in mm (default: the object's own).
+    phase: instead of g, the text of a phase function: "two_term { g_1: 0.8 g_2: -0.3 weight: 0.9 }".
+    spp: samples per pixel, default 64. With noise or time, the most.
+    noise: renders until Render.noise is at most this.
+    time: renders for about so many seconds.
+    seed: of the random numbers; the same seed gives the same bits.
+    derivatives: names of numbers to differentiate in: "sigma_t", "albedo", "g", "sigma_a", ..., and those of
+        Scene.parameters.
+    estimates: how many independent estimates there are, which tell errors of derivatives.
+    pilot_spp: samples per pixel of a pilot, which quietens derivatives in sigma_t and g.
+    values: numbers that are others than the scene says, by name.
+    resolution: pixels of the image, instead of the film's.
+    colour: an image in colour, whatever the film says.
+    pixels: "all", or those that see the "object"; others are 0.
+    tracer: "wavefront", or "reference", plain path tracing.
+    threads: how many; default: one for each processor.
+    progress: called with the part that is done, in [0, 1], now and then.
+    stop: an itn.Stop, whose request() from another thread ends this with Cancelled.
+
+    What may be wrong with the image is said by warnings. Raises InvalidInput, FileError, LimitExceeded. Ctrl-C
+    raises KeyboardInterrupt at once.
+    """
+    scene = as_scene(scene)
+    if resolution is not None:
+        scene = scene.resized(*resolution) if isinstance(resolution, tuple) else scene.resized(resolution)
+    request = _core.Request()
+    in_colour = set_medium(request, scene, sigma_t, albedo, g, medium, object_size, phase)
+    in_colour = in_colour or scene._core.is_in_colour()
+    request.set_colour(in_colour if colour is None else bool(colour))
+    goal = noise is not None or time is not None
+    if goal and pilot_spp:
+        raise InvalidInput("noise or time, and pilot_spp: a pilot spreads a number of samples that is known")
+    spp = whole("spp", spp if spp is not None else _core.MAX_SPP if goal else 64, 1, _core.MAX_SPP)
+    request.set_samples(spp, whole("seed", seed, 0, MAX_SEED), whole("estimates", estimates, 1, 16),
+                        whole("pilot_spp", pilot_spp, 0, 64))
+    request.set_goal(0.0 if noise is None else positive("noise", noise), 0.0 if time is None else positive("time", time))
+    names = [derivatives] if isinstance(derivatives, str) else [str(name) for name in derivatives]
+    for name in names:
+        _core.is_of_medium(name)
+    request.set_derivatives(names)
+    request.set_values([(str(name), float(value)) for name, value in (values or {}).items()])
+    request.set_pixels(pixels)
+    request.set_tracer(tracer)
+    request.set_threads(processors(threads))
+    done = _core.render(scene._core, request, stop, progress)
+    for remark in done.remarks:
+        warn(remark)
+    return _render_of(done, names)
+
+
+def _render_of(done: _core.Image, names: list[str]) -> Render:
+    image = done.radiance()
+    several = done.estimates > 1
+
+    def stacked(of_estimate: Callable[[int], np.ndarray], mean: np.ndarray) -> np.ndarray:
+        return np.stack([of_estimate(k) for k in range(done.estimates)]) if several else mean[np.newaxis]
+
+    derivatives = {name: done.derivative(d) for d, name in enumerate(names)}
+    return Render(
+        image=image, stderr=done.standard_error(), mask=done.mask(), derivatives=derivatives,
+        derivative_stderr={name: done.derivative_error(d) for d, name in enumerate(names)} if several else {},
+        estimates=stacked(done.radiance_of_estimate, image),
+        derivative_estimates={name: stacked(lambda k, d=d: done.derivative_of_estimate(d, k), derivatives[name])
+                              for d, name in enumerate(names)},
+        spp=done.spp, seconds=done.seconds, materials=done.materials,
+        counters=dict(zip(("paths", "steps", "invalid_samples", "leaks", "cpu_seconds"), done.counters)))
+
+
+def render_many(requests: Iterable[Mapping[str, Any]], *, threads: int | None = None) -> Iterator[tuple[int, Render]]:
+    """Renders many images at the same time, each with one thread, and yields (number, Render) as they are done.
+
+    requests: the arguments of itn.render, `scene` among them, as a dictionary for each image. They are taken as
+        they are needed, so that there may be any number of them.
+    threads: how many images at a time; default: one for each processor.
+
+    Raises what itn.render raises, for the first that fails. What is under way then, or where nobody takes
+    further images, is cancelled.
+    """
+    at_a_time = processors(threads)
+    stop = _core.Stop()
+    ahead = enumerate(requests)
+    with ThreadPoolExecutor(at_a_time) as executor:
+        under_way: dict[Future[Render], int] = {}
+
+        def submit() -> None:
+            for number, request in ahead:
+                under_way[executor.submit(render, **{"threads": 1, "stop": stop, **request})] = number
+                if len(under_way) > at_a_time:
+                    return
+
+        try:
+            submit()
+            while under_way:
+                # In short turns, so that Ctrl-C is seen.
+                done, _ = wait(under_way, timeout=0.02, return_when=FIRST_COMPLETED)
+                for future in done:
+                    number = under_way.pop(future)
+                    yield number, future.result()
+                if done:
+                    submit()
+        finally:
+            stop.request()
+            for future in under_way:
+                future.cancel()

@@ -1,0 +1,89 @@
+"""Renders in processes that are forked, spawned, and interrupted; and what the module brings into a process."""
+import multiprocessing
+import os
+import pathlib
+import re
+import signal
+import subprocess
+import sys
+import threading
+import unittest
+
+import itn
+import numpy as np
+from itn import _core
+
+EXAMPLES = pathlib.Path(__file__).resolve().parents[2] / "client/examples"
+
+
+def render(seed):
+    scene = itn.load(EXAMPLES / "cube.textproto").resized(16)
+    return itn.render(scene, sigma_t=20, albedo=.8, spp=8, seed=seed).image
+
+
+class Processes(unittest.TestCase):
+    def test_render_the_same_forked_and_spawned(self):
+        expected = [render(seed) for seed in range(4)]
+        for method in ("fork", "spawn", "forkserver"):
+            with self.subTest(method), multiprocessing.get_context(method).Pool(2) as pool:
+                np.testing.assert_array_equal(pool.map(render, range(4)), expected)
+
+    def test_refuse_to_render_where_the_parent_rendered(self):
+        stop, begun = itn.Stop(), threading.Event()
+        scene = itn.load(EXAMPLES / "cube.textproto")
+
+        def endless():
+            try:
+                itn.render(scene, sigma_t=200, albedo=.999, spp=1 << 20, stop=stop, progress=lambda _: begun.set())
+            except itn.Cancelled:
+                pass
+
+        thread = threading.Thread(target=endless)
+        thread.start()
+        begun.wait()
+        child = os.fork()
+        if child == 0:
+            code = 1
+            try:
+                itn.render(scene, sigma_t=2, albedo=.9, spp=1)
+            except itn.Error as error:
+                code = 0 if "spawn" in str(error) else 2
+            finally:
+                os._exit(code)
+        _, status = os.waitpid(child, 0)
+        stop.request()
+        thread.join()
+        self.assertEqual(os.waitstatus_to_exitcode(status), 0)
+
+    def test_are_interrupted(self):
+        for code in ("itn.render(scene, sigma_t=200, albedo=.999, spp=1 << 20, progress=say)",
+                     "list(itn.render_many({'scene': scene, 'sigma_t': 200, 'albedo': .999, 'spp': 1 << 20, 'progress': say}"
+                     " for _ in range(4)))"):
+            child = subprocess.Popen(
+                [sys.executable, "-c", f"import itn\nscene = itn.load({str(EXAMPLES / 'cube.textproto')!r})\n"
+                 f"def say(_): print('begun', flush=True)\ntry:\n  {code}\nexcept KeyboardInterrupt:\n  print('interrupted')"],
+                stdout=subprocess.PIPE, text=True)
+            with self.subTest(code), child:
+                self.assertIn("begun", child.stdout.readline())
+                child.send_signal(signal.SIGINT)
+                self.assertTrue(child.stdout.read().endswith("interrupted\n"))
+                self.assertEqual(child.wait(), 0)
+
+
+class Module(unittest.TestCase):
+    def test_links_no_grpc_torch_or_openmp(self):
+        linked = subprocess.run(["ldd", _core.__file__], check=True, capture_output=True, text=True).stdout
+        self.assertIn("libembree", linked)
+        self.assertIsNone(re.search(r"grpc|torch|gomp|omp5", linked))
+
+    def test_shows_no_names_but_its_own(self):
+        shown = subprocess.run(["nm", "-DC", "--defined-only", _core.__file__], check=True, capture_output=True,
+                               text=True).stdout
+        self.assertEqual([line.split()[-1] for line in shown.splitlines()], ["PyInit__core"])
+
+    def test_imports_no_torch(self):
+        subprocess.run([sys.executable, "-c", "import sys, itn; assert 'torch' not in sys.modules"], check=True)
+
+
+if __name__ == "__main__":
+    unittest.main()

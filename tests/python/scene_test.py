@@ -1,0 +1,92 @@
+"""Scenes in Python: what goes in comes out, and what is wrong is said."""
+import copy
+import pathlib
+import pickle
+import tempfile
+import unittest
+import warnings
+
+import itn
+import numpy as np
+
+EXAMPLES = pathlib.Path(__file__).resolve().parents[2] / "client/examples"
+
+
+class Scenes(unittest.TestCase):
+    def setUp(self):
+        self.scene = itn.load(EXAMPLES / "cube.textproto")
+
+    def test_are_the_same_as_dictionary_text_file_and_pickle(self):
+        self.assertEqual(itn.scene(self.scene.to_dict()), self.scene)
+        self.assertEqual(itn.scene(self.scene.to_text()), self.scene)
+        self.assertEqual(pickle.loads(pickle.dumps(self.scene)), self.scene)
+        self.assertEqual(copy.deepcopy(self.scene), self.scene)
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "scene.textproto"
+            self.scene.save(path)
+            self.assertEqual(itn.load(path), self.scene)
+            self.assertEqual([p.name for p in pathlib.Path(folder).iterdir()], ["scene.textproto"])
+
+    def test_change_by_dictionary(self):
+        changed = self.scene.to_dict()
+        changed["surfaces"][0]["reflectance"] = 0.25
+        other = itn.scene(changed)
+        self.assertNotEqual(other, self.scene)
+        self.assertEqual(other.parameters()["surface[0].reflectance"].value, 0.25)
+
+    def test_name_their_numbers(self):
+        numbers = self.scene.parameters()
+        self.assertEqual(numbers["light[0].scale"].value, 1)
+        self.assertEqual(numbers["surface[0].reflectance"], (0.5, 0, 1))
+        self.assertNotIn("sigma_t", numbers)
+        self.assertNotIn("light[1].scale", numbers)
+
+    def test_take_triangles_of_arrays(self):
+        corners = np.array([[x, y, z] for x in (-.5, .5) for y in (0., 1.) for z in (-.5, .5)])
+        quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+        triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+        held = self.scene.to_dict()
+        held["object"]["mesh"] = {"triangles": {"positions": corners, "indices": triangles}}
+        scene = itn.scene(held)
+        scene.check()
+        mask = itn.render(scene, sigma_t=5, albedo=.9, spp=4, resolution=16).mask
+        expected = itn.render(self.scene, sigma_t=5, albedo=.9, spp=4, resolution=16).mask
+        np.testing.assert_array_equal(mask, expected)
+        held["object"]["mesh"]["triangles"]["indices"] = triangles - 1
+        with self.assertRaisesRegex(itn.InvalidInput, "whole numbers from 0"):
+            itn.scene(held)
+
+    def test_have_another_size(self):
+        scene = self.scene.resized(20, 10)
+        self.assertEqual((scene.width, scene.height), (20, 10))
+        self.assertEqual((self.scene.width, self.scene.height), (128, 128))
+        for wrong in (0, -1, 1.5, "8"):
+            with self.assertRaises(itn.InvalidInput):
+                self.scene.resized(wrong)
+
+    def test_say_what_is_wrong(self):
+        with self.assertRaisesRegex(itn.FileError, "nowhere.textproto"):
+            itn.load("nowhere.textproto")
+        with self.assertRaisesRegex(OSError, "nowhere.textproto"):
+            itn.load("nowhere.textproto")
+        with self.assertRaisesRegex(itn.InvalidInput, "colour"):
+            itn.scene({"colour": 1})
+        with self.assertRaisesRegex(itn.InvalidInput, "lihgts"):
+            itn.scene("lihgts { }")
+        with self.assertRaisesRegex(ValueError, "scene.lights"):
+            itn.scene({"object": {"mesh": {"builtin": "cube"}}, "film": {"width": 8, "height": 8}}).check()
+        with self.assertRaisesRegex(itn.InvalidInput, "Mitsuba"):
+            itn.load(EXAMPLES / "cube.textproto", mm_per_unit=10)
+
+    def test_come_from_mitsuba(self):
+        with warnings.catch_warnings(record=True):
+            warnings.simplefilter("always")
+            scene = itn.load(EXAMPLES / "cube.xml")
+        scene.check()
+        self.assertGreater(scene.width, 0)
+        with self.assertRaises(itn.FileError):
+            itn.load("nowhere.xml")
+
+
+if __name__ == "__main__":
+    unittest.main()
