@@ -64,11 +64,14 @@ if ((${#wanted[@]} > 0)); then
     apt-get install -qq -y --no-install-recommends "${wanted[@]}"
 fi
 
-# What the Python package is compiled with, in a folder of its own: Debian 12 does not have it.
-tools=$(dirname "${BASH_SOURCE[0]}")/../build/python
-nanobind=3.1.0
-if ! "$tools/bin/python" -m nanobind --version 2>/dev/null | grep -qxF "$nanobind"; then
-  echo "Installing: nanobind $nanobind, into build/python"
-  /usr/bin/python3 -m venv --system-site-packages "$tools"
-  "$tools/bin/pip" install -q --disable-pip-version-check "nanobind==$nanobind"
+# What the Python package is compiled and checked with, in a folder of its own: Debian 12 does not have
+# it.
+python=$(dirname "${BASH_SOURCE[0]}")/../build/python
+wanted="nanobind==3.1.0 mypy==2.4.1"
+if [[ $(cat "$python/installed" 2>/dev/null) != "$wanted" ]]; then
+  echo "Installing into build/python: $wanted"
+  /usr/bin/python3 -m venv --system-site-packages "$python"
+  # shellcheck disable=SC2086
+  "$python/bin/pip" install -q --disable-pip-version-check $wanted
+  echo "$wanted" >"$python/installed"
 fi

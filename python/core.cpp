@@ -238,19 +238,19 @@ const std::string& derivative_of(const v1::Estimate& estimate, int derivative) {
 }
 
 // An image in grey from one estimate is in the reply as it is wanted.
-nb::object mean(nb::handle self, ImageOf image_of, int derivative) {
+Array mean(nb::handle self, ImageOf image_of, int derivative) {
   auto& image = nb::cast<PyImage&>(self);
   if (image.replies.size() == 1 && image.estimates() == 1) {
     const std::string& bytes = image_of(image.replies[0].estimates(0), derivative);
     // The reply is this object's alone.
     auto* const data = reinterpret_cast<float*>(const_cast<char*>(bytes.data()));
-    return nb::cast(Array(data, {image.height(), image.width()}, self));
+    return {data, {image.height(), image.width()}, self};
   }
-  return nb::cast(image.array([&](const v1::RenderGradReply& reply) {
+  return image.array([&](const v1::RenderGradReply& reply) {
     return mean_of_estimates(reply, image.spp, [&](const v1::Estimate& e) -> const std::string& {
       return image_of(e, derivative);
     });
-  }));
+  });
 }
 
 Array one_estimate(const PyImage& image, ImageOf image_of, int derivative, int estimate) {
@@ -259,8 +259,8 @@ Array one_estimate(const PyImage& image, ImageOf image_of, int derivative, int e
   });
 }
 
-std::optional<Array> error_of_derivative(const PyImage& image, int derivative) {
-  if (image.estimates() == 1) return std::nullopt;
+// Of two estimates at least.
+Array error_of_derivative(const PyImage& image, int derivative) {
   return image.array([&](const v1::RenderGradReply& reply) {
     return standard_error_of_estimates(reply, [&](const v1::Estimate& e) -> const std::string& {
       return e.derivatives(derivative);
@@ -419,7 +419,7 @@ NB_MODULE(_core, module) {
   pthread_atfork(nullptr, nullptr, after_fork);
   nb::set_leak_warnings(false);  // what PyTorch holds to the end is no leak of ours
   spdlog::set_level(spdlog::level::warn);
-  module.attr("__version__") = ITN_VERSION;
+  module.attr("VERSION") = ITN_VERSION;
 
   nb::class_<Stop>(module, "Stop").def(nb::init<>()).def("request", [](Stop& stop) {
     stop.requested = true;

@@ -6,7 +6,8 @@
     r.image, r.stderr, r.derivatives["sigma_t"]
 """
 from .analysis import Answer, Prediction, Refinement, fit, predict, refine
-from ._core import Stop, __version__, derivative_names
+from ._core import VERSION as __version__
+from ._core import Stop, derivative_names
 from .errors import Cancelled, Error, FileError, InvalidInput, LimitExceeded, Unavailable
 from .media import Medium, materials
 from .rendering import Render, render, render_many

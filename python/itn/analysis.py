@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from . import _core, programs
 from .errors import InvalidInput
@@ -17,7 +18,7 @@ from .scene import Scene
 _FORMATS = {".mtlx": "openpbr", ".xml": "mitsuba", ".pbrt": "pbrt", ".py": "blender", ".ass": "arnold"}
 
 #: A file, or an array: (height, width), or (height, width, 3) of red, green and blue; linear radiance.
-Picture = str | os.PathLike[str] | np.ndarray
+Picture = str | os.PathLike[str] | npt.NDArray[Any]
 
 
 class Answer:
@@ -32,30 +33,30 @@ class Answer:
     def __init__(self, found: dict[str, Any], channels: list[dict[str, Any]], low: str, high: str):
         self._found, self._channels, self._low, self._high = found, channels, low, high
 
-    def _values(self, name: str, part: str) -> np.ndarray:
+    def _values(self, name: str, part: str) -> npt.NDArray[np.float64]:
         return np.array([channel[name][part] for channel in self._channels])
 
-    def value(self, name: str) -> np.ndarray:
+    def value(self, name: str) -> npt.NDArray[np.float64]:
         """The best guess of sigma_t, sigma_a, sigma_s_reduced (1/mm), albedo, g, diffuse_albedo or diffusion_length
         (mm)."""
         return self._values(name, "value")
 
-    def interval(self, name: str) -> np.ndarray:
+    def interval(self, name: str) -> npt.NDArray[np.float64]:
         """(low, high) of the interval that holds the truth in `percent` of all cases: an array of channels x 2."""
         return np.stack([self._values(name, self._low), self._values(name, self._high)], axis=1)
 
     @property
-    def sigma_t(self) -> np.ndarray:
+    def sigma_t(self) -> npt.NDArray[np.float64]:
         """Extinction, in 1/mm."""
         return self.value("sigma_t")
 
     @property
-    def albedo(self) -> np.ndarray:
+    def albedo(self) -> npt.NDArray[np.float64]:
         """Single-scattering albedo."""
         return self.value("albedo")
 
     @property
-    def g(self) -> np.ndarray:
+    def g(self) -> npt.NDArray[np.float64]:
         """Mean cosine of scattering."""
         return self.value("g")
 
@@ -187,7 +188,9 @@ class _Files:
 
 
 def _several(pictures: Picture | Sequence[Picture]) -> list[Picture]:
-    return list(pictures) if isinstance(pictures, (list, tuple)) else [pictures]
+    if isinstance(pictures, (str, os.PathLike, np.ndarray)):
+        return [pictures]
+    return list(pictures)
 
 
 def predict(photograph: Picture, *, mask: Picture | None = None, object_size: float | None = None,

@@ -1,12 +1,13 @@
 """Media that others have measured."""
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from . import _core
 
 
-class Medium(NamedTuple):
+@dataclass(frozen=True)
+class Medium:
     """A measured medium: numbers of red, green and blue."""
 
     sigma_t: tuple[float, float, float]  #: extinction, in 1/mm
@@ -18,5 +19,8 @@ class Medium(NamedTuple):
 
 def materials() -> dict[str, Medium]:
     """The measured media by name, as `medium` of itn.render takes them."""
-    return {name: Medium(*(tuple(kind) for kind in zip(*channels)), index, source)
-            for name, source, index, channels in _core.measured_media()}
+    media = {}
+    for name, source, index, channels in _core.measured_media():
+        sigma_t, albedo, g = zip(*channels)
+        media[name] = Medium(sigma_t, albedo, g, index, source)
+    return media

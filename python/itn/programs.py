@@ -7,6 +7,7 @@ import re
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 from collections.abc import Sequence
 from typing import IO, Any
@@ -90,3 +91,9 @@ def _end(child: subprocess.Popen[bytes]) -> None:
     except subprocess.TimeoutExpired:
         child.kill()
         child.wait()
+
+
+def main() -> None:
+    """Becomes the program itn, with the arguments of this process."""
+    program = find("itn")
+    os.execv(program, [program, *sys.argv[1:]])

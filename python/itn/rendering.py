@@ -5,16 +5,20 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from . import _core
 from .errors import InvalidInput, warn
 from .scene import Scene, load
 
+Array = npt.NDArray[np.float32]
+
 #: A number, or three of red, green and blue.
-Numbers = float | Sequence[float] | np.ndarray
+Numbers = float | Sequence[float] | npt.NDArray[Any]
 
 MAX_SEED = (1 << 64) - 1
 
@@ -25,19 +29,19 @@ class Render:
     image in colour (height, width, 3), top row first; they can be written to."""
 
     #: Radiance, in W/(m^2 sr).
-    image: np.ndarray
+    image: Array
     #: Standard error of `image`; 0 where there is one sample only.
-    stderr: np.ndarray
+    stderr: Array
     #: The part of each pixel that the object covers, (height, width).
-    mask: np.ndarray
+    mask: Array
     #: By name: the derivative of `image`, in radiance by the unit of the number.
-    derivatives: dict[str, np.ndarray]
+    derivatives: dict[str, Array]
     #: By name: the standard error of that; empty unless there are two estimates at least.
-    derivative_stderr: dict[str, np.ndarray]
+    derivative_stderr: dict[str, Array]
     #: `image` of each estimate, (estimates, height, width) or (estimates, height, width, 3).
-    estimates: np.ndarray
+    estimates: Array
     #: By name: the derivative of each estimate, of the same shape.
-    derivative_estimates: dict[str, np.ndarray]
+    derivative_estimates: dict[str, Array]
     #: Samples per pixel.
     spp: int
     #: That it took.
@@ -61,7 +65,7 @@ class Render:
         return noise
 
     @staticmethod
-    def _channels(array: np.ndarray) -> list[np.ndarray]:
+    def _channels(array: Array) -> list[Array]:
         return [array] if array.ndim == 2 else [array[..., c] for c in range(array.shape[-1])]
 
     def png(self, exposure: float = 0) -> bytes:
@@ -112,7 +116,7 @@ def numbers(name: str, value: Numbers) -> list[float]:
         raise InvalidInput(f"{name} {value!r}: it is a number, or three of red, green and blue") from None
     if array.size not in (1, 3) or not np.isfinite(array).all():
         raise InvalidInput(f"{name} {value!r}: it is a number, or three of red, green and blue")
-    return array.tolist()
+    return [float(number) for number in array]
 
 
 def whole(name: str, value: Any, low: int, high: int) -> int:
@@ -244,7 +248,7 @@ def _render_of(done: _core.Image, names: list[str]) -> Render:
     image = done.radiance()
     several = done.estimates > 1
 
-    def stacked(of_estimate: Callable[[int], np.ndarray], mean: np.ndarray) -> np.ndarray:
+    def stacked(of_estimate: Callable[[int], Array], mean: Array) -> Array:
         return np.stack([of_estimate(k) for k in range(done.estimates)]) if several else mean[np.newaxis]
 
     derivatives = {name: done.derivative(d) for d, name in enumerate(names)}
@@ -252,7 +256,7 @@ def _render_of(done: _core.Image, names: list[str]) -> Render:
         image=image, stderr=done.standard_error(), mask=done.mask(), derivatives=derivatives,
         derivative_stderr={name: done.derivative_error(d) for d, name in enumerate(names)} if several else {},
         estimates=stacked(done.radiance_of_estimate, image),
-        derivative_estimates={name: stacked(lambda k, d=d: done.derivative_of_estimate(d, k), derivatives[name])
+        derivative_estimates={name: stacked(partial(done.derivative_of_estimate, d), derivatives[name])
                               for d, name in enumerate(names)},
         spp=done.spp, seconds=done.seconds, materials=done.materials,
         counters=dict(zip(("paths", "steps", "invalid_samples", "leaks", "cpu_seconds"), done.counters)))

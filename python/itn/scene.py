@@ -62,7 +62,8 @@ class Scene:
 
     def to_dict(self) -> dict[str, Any]:
         """The scene as nested dictionaries, of which itn.scene makes an equal one."""
-        return json.loads(self._core.to_json())
+        held: dict[str, Any] = json.loads(self._core.to_json())
+        return held
 
     def to_text(self) -> str:
         """The scene as the text of a scene file, which stands alone."""

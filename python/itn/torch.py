@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch.autograd.function import once_differentiable
 
@@ -46,14 +47,14 @@ class _Job:
     seed_grad: int
     phase: str | None
 
-    def values(self, tensors: Sequence[torch.Tensor]) -> dict[str, np.ndarray]:
+    def values(self, tensors: Sequence[torch.Tensor]) -> dict[str, npt.NDArray[Any]]:
         return {name: tensor.detach().to("cpu", torch.float64).reshape(-1).numpy()
                 for name, tensor in zip(self.names, tensors)}
 
-    def of_scene(self, values: Mapping[str, np.ndarray]) -> dict[str, float]:
+    def of_scene(self, values: Mapping[str, npt.NDArray[Any]]) -> dict[str, float]:
         return {name: float(value[0]) for name, value in values.items() if name not in _MEDIUM}
 
-    def image(self, tensors: Sequence[torch.Tensor], threads: int, stop: _core.Stop) -> np.ndarray:
+    def image(self, tensors: Sequence[torch.Tensor], threads: int, stop: _core.Stop) -> npt.NDArray[Any]:
         values = self.values(tensors)
         medium: dict[str, Any] = {name: values[name] for name in _MEDIUM if name in values}
         if self.phase is not None:
@@ -61,8 +62,8 @@ class _Job:
         return _render(self.scene, **medium, values=self.of_scene(values), spp=self.spp, seed=self.seed,
                        colour=self.in_colour, threads=threads, stop=stop).image
 
-    def gradient(self, tensors: Sequence[torch.Tensor], wanted: Sequence[int], weights: np.ndarray, threads: int,
-                 stop: _core.Stop) -> np.ndarray:
+    def gradient(self, tensors: Sequence[torch.Tensor], wanted: Sequence[int], weights: npt.NDArray[Any], threads: int,
+                 stop: _core.Stop) -> npt.NDArray[Any]:
         """Of the sum of weights times radiances, in the wanted numbers: channels x wanted."""
         if not np.isfinite(weights).all():
             raise InvalidInput("the loss has a gradient in the image that is not finite")

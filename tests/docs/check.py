@@ -2,12 +2,12 @@
 """What README.md and docs/ say is so. Exit code 1 with a line for each thing that is not.
 
   check.py words          lengths, sentences, flags, paths, links and anchors of all pages
-  check.py run PAGE       runs the page's fences `sh run`, in one shell; 77: there are no network namespaces,
-                          or what draws pictures is missing
-  check.py nightly PAGE   those of `sh run` and `sh nightly`
+  check.py run PAGE       runs the page's fences `sh run`, in one shell, and then `python run`, in one interpreter;
+                          77: there are no network namespaces, or what draws pictures is missing
+  check.py nightly PAGE   those of `nightly`, too
 
-A fence says what it is: sh run, sh nightly, sh show (needs root, or a cluster), textproto scene or dataset, output,
-text (of other programs)."""
+A fence says what it is: sh run, sh nightly, sh show (needs root, or a cluster), python run, python nightly, textproto
+scene or dataset, output, text (of other programs)."""
 import functools
 import os
 import pathlib
@@ -20,7 +20,7 @@ import tempfile
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAMS = pathlib.Path(os.environ.get("ITN_BIN", ROOT / "build/release/bin"))
 PAGES = sorted({ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")})
-KINDS = {"sh run", "sh nightly", "sh show", "textproto scene", "textproto dataset", "output", "text"}
+KINDS = {"sh run", "sh nightly", "sh show", "python run", "python nightly", "textproto scene", "textproto dataset", "output", "text"}
 FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```$", re.M | re.S)
 faults = []
 
@@ -208,7 +208,10 @@ def check_figures():
 # --- Commands ---
 
 def run(page, kinds):
-    script = "".join(text for kind, text in fences(page) if kind in kinds)
+    script, python = ("".join(text for kind, text in fences(page) if kind in {f"{language} {k}" for k in kinds})
+                      for language in ("sh", "python"))
+    if python:
+        script += f"{ROOT}/build/python/bin/python - <<'END_OF_PYTHON'\n{python}END_OF_PYTHON\n"
     if not script:
         sys.exit(f"{page} has no fence to run")
     if "picture.py" in script and subprocess.run(["/usr/bin/python3", "-c", "import OpenImageIO"],
@@ -228,7 +231,8 @@ def run(page, kinds):
             else:
                 os.symlink(ROOT / name, pathlib.Path(folder) / name)
         # Its process number 1 ends, and with it all that it left behind.
-        script = f"set -euo pipefail\nip link set lo up\nexport PATH={PROGRAMS}:$PATH\n{script}"
+        script = f"set -euo pipefail\nip link set lo up\nexport PATH={PROGRAMS}:$PATH\n" \
+                 f"export PYTHONPATH={PROGRAMS.parent / 'python'}\n{script}"
         result = subprocess.run([*alone, "bash", "-c", script], cwd=folder)
     if result.returncode != 0:
         sys.exit(f"{page.relative_to(ROOT)}: its commands end with {result.returncode}")
@@ -243,7 +247,7 @@ def main():
             print("FAILED:", line, file=sys.stderr)
         sys.exit(1 if faults else 0)
     if len(sys.argv) == 3 and sys.argv[1] in ("run", "nightly"):
-        kinds = {"sh run", "sh nightly"} if sys.argv[1] == "nightly" else {"sh run"}
+        kinds = {"run", "nightly"} if sys.argv[1] == "nightly" else {"run"}
         run(ROOT / sys.argv[2], kinds)
         return
     sys.exit(__doc__)
