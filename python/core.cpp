@@ -329,7 +329,7 @@ void set_tracer(PyRequest& request, const std::string& tracer) {
   request.image.tracer = tracer == "reference" ? v1::REFERENCE : v1::WAVEFRONT;
 }
 
-// Called every 20 ms without the interpreter's lock.
+// Called every 10 ms without the interpreter's lock.
 class Watch {
  public:
   Watch(Stop* stop, nb::object progress) : stop_(stop), progress_(std::move(progress)) {}
@@ -377,6 +377,16 @@ PyImage render(const PyScene& scene, const PyRequest& request, Stop* stop, nb::o
 
 using Weights = nb::ndarray<const float, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
+// The materials of the channels of an image.
+std::vector<std::tuple<double, double, double>> materials_of(
+    const std::vector<ImageChannel>& channels) {
+  std::vector<std::tuple<double, double, double>> materials;
+  for (const auto& [name, shown, material] : channels) {
+    materials.emplace_back(material.sigma_t, material.albedo, material.g);
+  }
+  return materials;
+}
+
 // The gradient of the weighted sum of the pixels of one channel, by estimate, in the request's
 // derivatives.
 std::vector<std::vector<double>> gradient(const PyScene& scene, const PyRequest& request,
@@ -403,7 +413,7 @@ std::vector<std::vector<double>> gradient(const PyScene& scene, const PyRequest&
   std::future<v1::RenderGradReply> pending = renderer.submit(std::move(job));
   do {
     watch.look(0);
-  } while (pending.wait_for(milliseconds(20)) != std::future_status::ready);
+  } while (pending.wait_for(milliseconds(10)) != std::future_status::ready);
   const v1::RenderGradReply reply = pending.get();
   std::vector<std::vector<double>> estimates;
   for (const v1::Estimate& estimate : reply.estimates()) {
@@ -539,14 +549,7 @@ NB_MODULE(_core, module) {
                      return std::tuple(c.paths(), c.steps(), c.invalid_samples(), c.leaks(),
                                        c.cpu_seconds());
                    })
-      .def_prop_ro("materials",
-                   [](const PyImage& image) {
-                     std::vector<std::tuple<double, double, double>> materials;
-                     for (const ImageChannel& c : image.channels) {
-                       materials.emplace_back(c.material.sigma_t, c.material.albedo, c.material.g);
-                     }
-                     return materials;
-                   })
+      .def_prop_ro("materials", [](const PyImage& image) { return materials_of(image.channels); })
       .def("radiance", [](nb::handle self) { return mean(self, radiance_of, 0); })
       .def("radiance_of_estimate",
            [](const PyImage& image, int k) { return one_estimate(image, radiance_of, 0, k); })
@@ -571,6 +574,9 @@ NB_MODULE(_core, module) {
   module.def("encode_png", png_of);
 
   module.def("render", render, "scene"_a, "request"_a, "stop"_a.none(), "progress"_a.none());
+  module.def("materials_of", [](const PyScene& scene, const PyRequest& request) {
+    return materials_of(channels_of(request.image, scene.message));
+  });
   module.def("gradient", gradient, "scene"_a, "request"_a, "channel"_a, "weights"_a,
              "stop"_a.none());
 }

@@ -13,6 +13,8 @@ namespace {
 
 using std::chrono::milliseconds;
 
+constexpr milliseconds kProgressEvery{10};
+
 }  // namespace
 
 v1::RenderGradReply JobRenderer::render_split(const RenderJob& job, const Progress& progress) {
@@ -43,7 +45,7 @@ std::vector<v1::RenderGradReply> JobRenderer::render_split(std::span<const Rende
     }
     do {
       if (progress) progress(static_cast<double>(done) / static_cast<double>(parts.size()));
-    } while (pending.front().wait_for(milliseconds(20)) != std::future_status::ready);
+    } while (pending.front().wait_for(kProgressEvery) != std::future_status::ready);
     replies[parts[done].job].add(parts[done].tile, pending.front().get());
     pending.pop_front();
   }

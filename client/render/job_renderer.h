@@ -25,7 +25,7 @@ class JobRenderer {
   // Jobs that can be under way at once; keep somewhat more submitted. It may change; never zero.
   virtual int parallelism() const = 0;
 
-  // Called on the caller's thread every 20 ms, with the fraction done, in [0, 1]. May throw to give
+  // Called on the caller's thread every 10 ms, with the fraction done, in [0, 1]. May throw to give
   // up; what was submitted by then is still rendered.
   using Progress = std::function<void(double fraction)>;
 

@@ -17,6 +17,8 @@ from .errors import Cancelled, Error, FileError, InvalidInput, LimitExceeded, Un
 # docs/errors.md
 _OF_EXIT_CODE = {2: InvalidInput, 3: InvalidInput, 4: FileError, 5: Unavailable, 6: FileError, 7: LimitExceeded,
                  130: Cancelled}
+# What itn-learn needs that a wheel does not hold (deploy/wheel.sh).
+_LIBRARIES = ("libtorch1.13", "libopenblas0-pthread", "libopenimageio2.4", "libopencv-photo406", "libheif1")
 # What the programs put before a line that they log.
 _LOGGED = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+ (?:warning|error|info) ")
 
@@ -42,12 +44,17 @@ def _package_folder() -> str:
 
 def arguments(flags: dict[str, Any]) -> list[str]:
     """Flags of a command line by their names in Python: object_size=82 is --object-size 82. None and False are no
-    flag, True is one without a value, and of several values there is a list with commas."""
+    flag, True is one without a value, of several values there is a list with commas, and a dictionary is a flag with
+    NAME=VALUE for each."""
     given = []
     for name, value in flags.items():
         if value is None or value is False:
             continue
-        given.append("--" + name.rstrip("_").replace("_", "-"))
+        flag = "--" + name.replace("_", "-")
+        if isinstance(value, dict):
+            given += [word for key, held in value.items() for word in (flag, f"{key}={held!r}")]
+            continue
+        given.append(flag)
         if value is True:
             continue
         several = isinstance(value, Sequence) and not isinstance(value, str) or hasattr(value, "tolist")
@@ -69,6 +76,9 @@ def run(command: str, positional: Sequence[str], flags: dict[str, Any]) -> str:
             _end(child)
             raise
         said = [line for line in _text(messages).splitlines() if line.strip()]
+        if missing := [line for line in said if "error while loading shared libraries" in line]:
+            raise FileError(f"{missing[0]}. Networks and photographs need libraries of Debian 12: apt-get install "
+                            "--no-install-recommends " + " ".join(_LIBRARIES))
         if child.returncode != 0:
             mistakes = [line.removeprefix("itn: ") for line in said if not _LOGGED.match(line) and "--help" not in line]
             message = "\n".join(mistakes) or f"itn {command} ended with exit code {child.returncode}"

@@ -1,7 +1,9 @@
 """Renders: images of a scene, and derivatives in its numbers."""
 from __future__ import annotations
 
+import json
 import os
+import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
@@ -21,6 +23,7 @@ Array = npt.NDArray[np.float32]
 Numbers = float | Sequence[float] | npt.NDArray[Any]
 
 MAX_SEED = (1 << 64) - 1
+_COUNTERS = ("paths", "steps", "invalid_samples", "leaks", "cpu_seconds")
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,10 @@ class Render:
     @property
     def noise(self) -> float:
         """The root mean square of the standard error of the pixels that see the object, over their mean
-        radiance: of the noisiest channel. Of all pixels if none sees it; 0 if they are dark."""
+        radiance: of the noisiest channel. Of all pixels if none sees it; 0 if they are dark. One sample does
+        not tell: nan."""
+        if self.spp == 1:
+            return float("nan")
         weight = self.mask if self.mask.any() else np.ones_like(self.mask)
         noise = 0.0
         for image, error in zip(self._channels(self.image), self._channels(self.stderr)):
@@ -103,9 +109,10 @@ class Render:
 
     def __repr__(self) -> str:
         height, width = self.mask.shape
+        noise = "unknown" if self.spp == 1 else f"{100 * self.noise:.2g} %"
         names = f", derivatives in {', '.join(self.derivatives)}" if self.derivatives else ""
         return (f"<itn.Render: {width} x {height} pixels{', in colour' if self.image.ndim == 3 else ''}, "
-                f"{self.spp} samples per pixel, noise {100 * self.noise:.2g} %, {self.seconds:.2g} s{names}>")
+                f"{self.spp} samples per pixel, noise {noise}, {self.seconds:.2g} s{names}>")
 
 
 def numbers(name: str, value: Numbers) -> list[float]:
@@ -187,7 +194,8 @@ def render(scene: Scene | str | os.PathLike[str], *, sigma_t: Numbers | None = N
            time: float | None = None, seed: int = 0, derivatives: Sequence[str] = (), estimates: int = 1,
            pilot_spp: int = 0, values: Mapping[str, float] | None = None, resolution: int | tuple[int, int] | None = None,
            colour: bool | None = None, pixels: str = "all", tracer: str = "wavefront", threads: int | None = None,
-           progress: Callable[[float], Any] | None = None, stop: _core.Stop | None = None) -> Render:
+           workers: str | Sequence[str] | None = None, progress: Callable[[float], Any] | None = None,
+           stop: _core.Stop | None = None) -> Render:
     """Renders an image of the scene and derivatives of it.
 
     scene: what itn.load or itn.scene returns, or the path of a scene file.
@@ -210,6 +218,8 @@ def render(scene: Scene | str | os.PathLike[str], *, sigma_t: Numbers | None = N
     pixels: "all", or those that see the "object"; others are 0.
     tracer: "wavefront", or "reference", plain path tracing.
     threads: how many; default: one for each processor.
+    workers: render workers (docs/operations.md) that render instead of this process, as "host:50051" or "unix:/run/w";
+        the variables ITN_TLS_CA, ITN_TOKEN_FILE and so on secure the connection. Runs the program itn.
     progress: called with the part that is done, in [0, 1], now and then.
     stop: an itn.Stop, whose request() from another thread ends this with Cancelled.
 
@@ -234,10 +244,20 @@ def render(scene: Scene | str | os.PathLike[str], *, sigma_t: Numbers | None = N
     for name in names:
         _core.is_of_medium(name)
     request.set_derivatives(names)
-    request.set_values([(str(name), float(value)) for name, value in (values or {}).items()])
+    others = {str(name): float(value) for name, value in (values or {}).items()}
+    request.set_values(list(others.items()))
     request.set_pixels(pixels)
     request.set_tracer(tracer)
     request.set_threads(processors(threads))
+    if workers is not None:
+        if progress is not None or stop is not None:
+            raise InvalidInput("workers: they take neither progress nor stop")
+        colours = {} if medium is not None else {"sigma_t": sigma_t, "albedo": albedo, "g": g, "phase": phase}
+        return _by_workers(scene, request, names, {
+            **colours, "material": medium, "object_size": object_size, "spp": spp, "noise": noise, "time": time,
+            "seed": seed, "derivatives": names or None, "set": others, "estimates": estimates, "pilot_spp": pilot_spp,
+            "colour": in_colour if colour is None else bool(colour), "pixels": pixels, "tracer": tracer,
+            "workers": workers})
     done = _core.render(scene._core, request, stop, progress)
     for remark in done.remarks:
         warn(remark)
@@ -259,7 +279,36 @@ def _render_of(done: _core.Image, names: list[str]) -> Render:
         derivative_estimates={name: stacked(partial(done.derivative_of_estimate, d), derivatives[name])
                               for d, name in enumerate(names)},
         spp=done.spp, seconds=done.seconds, materials=done.materials,
-        counters=dict(zip(("paths", "steps", "invalid_samples", "leaks", "cpu_seconds"), done.counters)))
+        counters=dict(zip(_COUNTERS, done.counters)))
+
+
+def _by_workers(scene: Scene, request: _core.Request, names: list[str], flags: dict[str, Any]) -> Render:
+    """By the program, which knows how to ask workers."""
+    from . import programs
+    with tempfile.TemporaryDirectory(prefix="itn-") as folder:
+        scene.save(f"{folder}/scene.textproto")
+        said = json.loads(programs.run("render", [f"{folder}/scene.textproto"],
+                                       {**flags, "output": f"{folder}/image.exr", "json": True}))
+        layers = dict(_core.read_exr(f"{folder}/image.exr"))
+    colours = ["Y"] if "Y" in layers else ["R", "G", "B"]
+
+    def together(prefix: str) -> Array:
+        planes = [layers[prefix + colour] for colour in colours]
+        return planes[0] if len(planes) == 1 else np.stack(planes, axis=-1)
+
+    estimates = int(flags["estimates"])
+
+    def of_estimates(name: str) -> Array:
+        return np.stack([together(f"estimate{k}.{name}") for k in range(estimates)]) if estimates > 1 else together(
+            name)[np.newaxis]
+
+    return Render(
+        image=together(""), stderr=together("stderr."), mask=layers["mask.Y"],
+        derivatives={name: together(f"{name}.") for name in names},
+        derivative_stderr={name: together(f"stderr.{name}.") for name in names} if estimates > 1 else {},
+        estimates=of_estimates(""), derivative_estimates={name: of_estimates(f"{name}.") for name in names},
+        spp=int(said["spp"]), seconds=said["seconds"], materials=_core.materials_of(scene._core, request),
+        counters={name: said[name] for name in _COUNTERS})
 
 
 def render_many(requests: Iterable[Mapping[str, Any]], *, threads: int | None = None) -> Iterator[tuple[int, Render]]:

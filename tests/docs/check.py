@@ -107,7 +107,7 @@ def check_flags():
             m = re.match(r"itn ([a-z]+) ", code)
             allowed = help_of(("itn", m[1])) if m and m[1] in names else None
             for flag in re.findall(r"(?:^|\s)(--[a-z][a-z0-9-]*)", code):
-                elsewhere = re.match(r"(cmake|ctest|tests/|docker|blender|[a-z_]+_bench)", code)
+                elsewhere = re.match(r"(apt-get|cmake|ctest|tests/|docker|blender|[a-z_]+_bench)", code)
                 if not elsewhere and flag not in (allowed or every) and flag not in OTHER_FLAGS:
                     fault(page, f"no program has {flag} (`{code}`)")
 
