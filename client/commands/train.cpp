@@ -97,6 +97,8 @@ void require_same_network(const v1::Model& init, const v1::TrainingConfig& confi
                config.architecture().ShortDebugString());
   require_same("output distribution", v1::OutputDistribution_Name(init.output()),
                v1::OutputDistribution_Name(config.output()));
+  require_same("number of components", std::to_string(std::max(1U, init.components())),
+               std::to_string(std::max(1U, config.components())));
   require_same("parameterization", v1::Parameterization_Name(init.parameterization()),
                v1::Parameterization_Name(config.parameterization()));
 }

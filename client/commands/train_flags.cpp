@@ -13,6 +13,7 @@
 #include "client/presets/presets.h"
 #include "client/training/training_config.h"
 #include "common/flags.h"
+#include "common/learning/parameterization.h"
 #include "common/render_limits.h"
 
 namespace itn {
@@ -73,6 +74,11 @@ void add_network_flags(ConfigFlags<Config>& config) {
       "--distribution", {{"point", v1::POINT}, {"gaussian", v1::GAUSSIAN}}, set_distribution,
       "What the network answers; point: a best guess; gaussian: a distribution; "
       "default: gaussian for the residual architecture, otherwise point");
+  config
+      .add<uint32_t>("--components", &Config::set_components,
+                     "Gaussians of the distribution, which then is a mixture of them (loss rn); "
+                     "default: the preset's, or 1")
+      ->check(number_in(1U, kMaxComponents));
   config.add_choice<v1::Parameterization>(
       "--parameterization",
       {{"naive", v1::NAIVE}, {"similarity", v1::SIMILARITY}, {"unbounded", v1::UNBOUNDED}},

@@ -24,7 +24,7 @@ LossTerm RegressionLoss::evaluate(const Batch& batch, const torch::Tensor& outpu
 LossTerm LikelihoodLoss::evaluate(const Batch& batch, const torch::Tensor& outputs) {
   const torch::Tensor leaf = outputs.clone().requires_grad_();
   const torch::Tensor losses = negative_log_likelihood(leaf, batch.targets);
-  const torch::Tensor means = leaf.slice(1, 0, batch.targets.size(1));
+  const torch::Tensor means = mean_of(leaf, batch.targets.size(1));
   (losses.sum() + mean_weight_ * (means - batch.targets).square().sum()).backward();
   return {losses.mean().item<double>(), leaf.grad()};
 }

@@ -41,9 +41,9 @@ class RegressionLoss final : public Loss {
   LossTerm evaluate(const Batch& batch, const torch::Tensor& outputs) override;
 };
 
-// Minus the log-density of the truth under the Gaussian that the network answers (gaussian.h). Its
-// gradient is also that of the mean's squared distance to the truth, times a weight: the density
-// alone leaves those images alone that the network is not sure of, and so never becomes.
+// Minus the log-density of the truth under the distribution that the network answers (gaussian.h).
+// Its gradient is also that of the mean's squared distance to the truth, times a weight: the
+// density alone leaves those images alone that the network is not sure of, and so never becomes.
 class LikelihoodLoss final : public Loss {
  public:
   explicit LikelihoodLoss(double mean_weight) : mean_weight_(mean_weight) {}

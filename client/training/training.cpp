@@ -190,6 +190,12 @@ void validate(const v1::TrainingConfig& config) {
           "output must be POINT or GAUSSIAN");
   require(config.output() != v1::GAUSSIAN || config.parameterization() == v1::UNBOUNDED,
           "a Gaussian output needs the parameterization UNBOUNDED");
+  require(config.components() <= kMaxComponents, "there are at most 16 components");
+  static_assert(kMaxComponents == 16);
+  require(
+      config.components() <= 1 ||
+          (config.output() == v1::GAUSSIAN && config.loss() == v1::TrainingConfig::RN),
+      "components are Gaussians of a mixture: several take the output GAUSSIAN and the loss RN");
   require(config.input() != v1::NETWORK_INPUT_UNSPECIFIED, "an input is needed");
   require(config.exposure() != v1::EXPOSURE_UNSPECIFIED, "exposure must be known or unknown");
   validate(config.augmentation());

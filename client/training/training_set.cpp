@@ -132,6 +132,7 @@ v1::Model fit_model(const LabelledImages& images, double mean_radiance,
                                                 : static_cast<uint32_t>(images.resolution));
   *model.mutable_architecture() = config.architecture();
   model.set_output(config.output());
+  model.set_components(config.components());
   model.set_input(config.input());
   model.set_exposure(config.exposure());
   model.set_parameterization(config.parameterization());

@@ -123,7 +123,7 @@ std::vector<double> Combination::operator()(std::span<const ImageAnswer> answers
     for (size_t c = 0; c < log_size_units_.size(); ++c) {
       shift[static_cast<int64_t>(c)] = larger / log_size_units_[c];
     }
-    const Gaussian image = to_gaussian(answer.outputs);
+    const Gaussian image = to_gaussian(answer.outputs, static_cast<size_t>(prior_.mean.size(0)));
     precision = precision + image.precision / count;
     information = information + image.precision.matmul(image.mean + shift - prior_.mean) / count;
     middle = middle + shift / count;

@@ -1,6 +1,7 @@
 // Several images of one material tell more than one.
 //
-// Each answer is a Gaussian over the material's coordinates: what its image says, times what was
+// Each answer is a Gaussian over the material's coordinates (of a mixture the one with its mean and
+// covariance): what its image says, times what was
 // known before, the distribution of the training materials. So the answer from all is the product
 // of the Gaussians over the power of the prior that is in it too often:
 //

@@ -55,7 +55,13 @@ int64_t output_count(const v1::Model& model) {
   const size_t coordinates = coordinate_count(channels_of(model));
   switch (model.output()) {
     case v1::POINT: return static_cast<int64_t>(coordinates);
-    case v1::GAUSSIAN: return static_cast<int64_t>(gaussian_outputs(coordinates));
+    case v1::GAUSSIAN: {
+      const uint32_t components = std::max(1U, model.components());
+      require(
+          components <= kMaxComponents,
+          fmt::format("model.components is {}; it must be at most {}", components, kMaxComponents));
+      return static_cast<int64_t>(mixture_outputs(coordinates, components));
+    }
     default:
       throw invalid_input(
           "the model's output distribution is not one that this version of itn knows");

@@ -71,6 +71,16 @@ struct Outputs {
   double a(size_t i, size_t j) const { return regression[i * (i - 1) / 2 + j]; }
 };
 
+// The softmax of the last outputs of a mixture.
+std::vector<double> weights_of(std::span<const double> logits) {
+  const double most = std::ranges::max(logits);
+  std::vector<double> weights;
+  for (const double logit : logits) weights.push_back(std::exp(logit - most));
+  const double sum = std::accumulate(weights.begin(), weights.end(), 0.0);
+  for (double& weight : weights) weight /= sum;
+  return weights;
+}
+
 // Undoes z = D T d, line by line.
 void to_coordinates(const Outputs& outputs, std::span<const double> z, std::span<double> result) {
   std::vector<double> d(outputs.size());
@@ -79,6 +89,33 @@ void to_coordinates(const Outputs& outputs, std::span<const double> z, std::span
     for (size_t j = 0; j < i; ++j) d[i] -= outputs.a(i, j) * d[j];
     result[i] = outputs.mean[i] + d[i];
   }
+}
+
+// Points of the distribution, row by row. Of a mixture, the number before those of a point says of
+// which Gaussian it is.
+std::vector<double> distribution_points(std::span<const double> outputs, size_t n) {
+  const size_t count = mixture_components(outputs.size(), n);
+  const size_t block = gaussian_outputs(n);
+  std::vector<Outputs> gaussians;
+  for (size_t k = 0; k < count; ++k) gaussians.emplace_back(outputs.subspan(k * block, block));
+  std::vector<double> result(kPoints * n);
+  if (count == 1) {
+    const std::span<const double> points = points_of(n);
+    for (size_t i = 0; i < points.size(); i += n) {
+      to_coordinates(gaussians[0], points.subspan(i, n), std::span(result).subspan(i, n));
+    }
+    return result;
+  }
+  const std::vector<double> weights = weights_of(outputs.last(count));
+  const std::span<const double> points = points_of(n + 1);
+  for (size_t i = 0; i < kPoints; ++i) {
+    const std::span<const double> point = points.subspan(i * (n + 1), n + 1);
+    double below = 0.5 * std::erfc(-point[0] / std::numbers::sqrt2);
+    size_t k = 0;
+    while (k + 1 < count && below >= weights[k]) below -= weights[k++];
+    to_coordinates(gaussians[k], point.subspan(1), std::span(result).subspan(i * n, n));
+  }
+  return result;
 }
 
 // --- What they say ---
@@ -147,17 +184,11 @@ std::vector<Samples> samples_of(const AnswerSpace& space, std::span<const double
   if (!std::ranges::all_of(all, [](double x) { return std::isfinite(x); })) {
     throw invalid_input("the network's prediction is not finite");
   }
-  const Outputs outputs(all);
   const size_t n = space.size();
-  if (outputs.size() != n) {
-    throw invalid_input(
-        fmt::format("the network answers {} coordinates; the model has {}", outputs.size(), n));
-  }
   std::vector<Samples> channels(space.channels());
-  const std::span<const double> points = points_of(n);
-  std::vector<double> at(n);
+  const std::vector<double> points = distribution_points(all, n);
   for (size_t first = 0; first < points.size(); first += n) {
-    to_coordinates(outputs, points.subspan(first, n), at);
+    const std::span<const double> at = std::span(points).subspan(first, n);
     for (size_t c = 0; c < channels.size(); ++c) {
       const auto numbers = numbers_of(space.channel(c).material(space.of_channel(c, at)));
       for (size_t k = 0; k < kPosteriorNumbers; ++k) channels[c][k].push_back(numbers[k]);
@@ -167,6 +198,16 @@ std::vector<Samples> samples_of(const AnswerSpace& space, std::span<const double
 }
 
 }  // namespace
+
+size_t mixture_components(size_t outputs, size_t n) {
+  const size_t each = gaussian_outputs(n) + 1;
+  if (outputs == gaussian_outputs(n)) return 1;
+  if (outputs % each != 0 || outputs < 2 * each) {
+    throw invalid_input(
+        fmt::format("{} numbers are no distribution over {} coordinates", outputs, n));
+  }
+  return outputs / each;
+}
 
 size_t gaussian_coordinates(size_t outputs) {
   for (size_t n = 1; gaussian_outputs(n) <= outputs; ++n) {
@@ -199,7 +240,25 @@ torch::Tensor standard_scores(const torch::Tensor& outputs, const torch::Tensor&
 
 }  // namespace
 
-torch::Tensor negative_log_likelihood(const torch::Tensor& outputs, const torch::Tensor& targets) {
+namespace {
+
+// The outputs of the Gaussians of mixtures, one after the other: (batch K) x gaussian_outputs(n).
+torch::Tensor gaussians_of(const torch::Tensor& outputs, int64_t n, int64_t count) {
+  const auto each = static_cast<int64_t>(gaussian_outputs(static_cast<size_t>(n)));
+  return outputs.slice(1, 0, count * each).reshape({-1, each});
+}
+
+int64_t components_of(const torch::Tensor& outputs, int64_t n) {
+  return static_cast<int64_t>(
+      mixture_components(static_cast<size_t>(outputs.size(1)), static_cast<size_t>(n)));
+}
+
+// Logarithms of the weights: batch x K.
+torch::Tensor log_weights_of(const torch::Tensor& outputs, int64_t count) {
+  return torch::log_softmax(outputs.slice(1, outputs.size(1) - count), 1);
+}
+
+torch::Tensor likelihood_of_gaussian(const torch::Tensor& outputs, const torch::Tensor& targets) {
   const int64_t n = targets.size(1);
   const torch::Tensor l = log_precisions(outputs, n);
   const torch::Tensor z = standard_scores(outputs, targets, l);
@@ -207,9 +266,43 @@ torch::Tensor negative_log_likelihood(const torch::Tensor& outputs, const torch:
   return 0.5 * z.square().sum(1) - l.sum(1) + normalisation;
 }
 
-// The sum of squares of n standard normal numbers has the distribution chi-squared.
+}  // namespace
+
+torch::Tensor negative_log_likelihood(const torch::Tensor& outputs, const torch::Tensor& targets) {
+  const int64_t n = targets.size(1), count = components_of(outputs, n);
+  if (count == 1) return likelihood_of_gaussian(outputs, targets);
+  const torch::Tensor each =
+      likelihood_of_gaussian(gaussians_of(outputs, n, count), targets.repeat_interleave(count, 0))
+          .reshape({-1, count});
+  return -torch::logsumexp(log_weights_of(outputs, count) - each, 1);
+}
+
+torch::Tensor mean_of(const torch::Tensor& outputs, int64_t n) {
+  const int64_t count = components_of(outputs, n);
+  if (count == 1) return outputs.slice(1, 0, n);
+  const torch::Tensor means =
+      gaussians_of(outputs, n, count).slice(1, 0, n).reshape({-1, count, n});
+  return (log_weights_of(outputs, count).exp().unsqueeze(2) * means).sum(1);
+}
+
 torch::Tensor region_probability(const torch::Tensor& outputs, const torch::Tensor& targets) {
   const int64_t n = targets.size(1);
+  if (components_of(outputs, n) > 1) {
+    const torch::Tensor likelihoods = negative_log_likelihood(outputs, targets);
+    torch::Tensor result = torch::empty_like(likelihoods);
+    for (int64_t i = 0; i < targets.size(0); ++i) {
+      const torch::Tensor row = outputs[i].to(torch::kFloat64).contiguous();
+      std::vector<double> points = distribution_points(
+          {row.data_ptr<double>(), static_cast<size_t>(row.size(0))}, static_cast<size_t>(n));
+      const torch::Tensor at =
+          torch::from_blob(points.data(), {kPoints, n}, torch::TensorOptions(torch::kFloat64));
+      const torch::Tensor likelier =
+          negative_log_likelihood(row.unsqueeze(0).expand({kPoints, -1}), at) < likelihoods[i];
+      result[i] = likelier.to(torch::kFloat64).mean();
+    }
+    return result;
+  }
+  // The sum of squares of n standard normal numbers has the distribution chi-squared.
   const torch::Tensor squares =
       standard_scores(outputs, targets, log_precisions(outputs, n)).square().sum(1);
   return at::special_gammainc(torch::full_like(squares, 0.5 * static_cast<double>(n)),
@@ -217,22 +310,34 @@ torch::Tensor region_probability(const torch::Tensor& outputs, const torch::Tens
 }
 
 torch::Tensor marginal_probability(const torch::Tensor& outputs, const torch::Tensor& targets) {
-  torch::Tensor result = torch::empty_like(targets);
+  const int64_t n = targets.size(1), count = components_of(outputs, n);
+  const torch::Tensor gaussians = gaussians_of(outputs, n, count).to(torch::kFloat64).contiguous();
+  const torch::Tensor weights = count == 1
+                                    ? torch::ones({outputs.size(0), 1}, torch::kFloat64)
+                                    : log_weights_of(outputs, count).exp().to(torch::kFloat64);
+  torch::Tensor result = torch::zeros_like(targets);
   for (int64_t i = 0; i < targets.size(0); ++i) {
-    const torch::Tensor row = outputs[i].to(torch::kFloat64).contiguous();
-    const Gaussian gaussian =
-        to_gaussian({row.data_ptr<double>(), static_cast<size_t>(row.size(0))});
-    const torch::Tensor deviation = at::linalg_inv(gaussian.precision).diagonal().sqrt();
-    result[i].copy_(at::special_ndtr((targets[i] - gaussian.mean) / deviation));
+    for (int64_t k = 0; k < count; ++k) {
+      const torch::Tensor row = gaussians[i * count + k];
+      const Gaussian gaussian =
+          to_gaussian({row.data_ptr<double>(), static_cast<size_t>(row.size(0))});
+      const torch::Tensor deviation = at::linalg_inv(gaussian.precision).diagonal().sqrt();
+      result[i].add_(at::special_ndtr((targets[i] - gaussian.mean) / deviation) * weights[i][k]);
+    }
   }
   return result;
 }
 
 torch::Tensor calibrated(const torch::Tensor& outputs, const torch::Tensor& widths) {
-  const int64_t n = widths.size(1);
+  const int64_t n = widths.size(1), count = components_of(outputs, n);
+  const torch::Tensor each = gaussians_of(outputs, n, count);
   const torch::Tensor precisions =
-      outputs.slice(1, n, 2 * n) + widths[0] + widths[1] * outputs.slice(1, 0, 1);
-  return torch::cat({outputs.slice(1, 0, n), precisions, outputs.slice(1, 2 * n)}, 1);
+      each.slice(1, n, 2 * n) + widths[0] + widths[1] * each.slice(1, 0, 1);
+  const torch::Tensor changed =
+      torch::cat({each.slice(1, 0, n), precisions, each.slice(1, 2 * n)}, 1);
+  if (count == 1) return changed;
+  return torch::cat(
+      {changed.reshape({outputs.size(0), -1}), outputs.slice(1, outputs.size(1) - count)}, 1);
 }
 
 torch::Tensor to_tensor(const v1::Calibration& widths, size_t n) {
@@ -265,6 +370,22 @@ Gaussian to_gaussian(std::span<const double> all) {
   }
   const torch::Tensor root = torch::diag(d).matmul(t);
   return {mean, root.t().matmul(root)};
+}
+
+// Covariances within and between the Gaussians.
+Gaussian to_gaussian(std::span<const double> outputs, size_t n) {
+  const size_t count = mixture_components(outputs.size(), n), each = gaussian_outputs(n);
+  if (count == 1) return to_gaussian(outputs);
+  const std::vector<double> weights = weights_of(outputs.last(count));
+  const auto size = static_cast<int64_t>(n);
+  torch::Tensor mean = torch::zeros({size}, torch::kFloat64);
+  torch::Tensor squares = torch::zeros({size, size}, torch::kFloat64);
+  for (size_t k = 0; k < count; ++k) {
+    const Gaussian one = to_gaussian(outputs.subspan(k * each, each));
+    mean += weights[k] * one.mean;
+    squares += weights[k] * (at::linalg_inv(one.precision) + one.mean.outer(one.mean));
+  }
+  return {mean, at::linalg_inv(squares - mean.outer(mean))};
 }
 
 // Cholesky's factor begins with the first coordinate, D T with the last: so both are turned round.

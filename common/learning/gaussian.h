@@ -1,12 +1,15 @@
-// A network's answer as a distribution: a Gaussian over n standardised UNBOUNDED coordinates, what
-// the truth costs under it, and what it says about the material.
+// A network's answer as a distribution: a Gaussian over n standardised UNBOUNDED coordinates, or a
+// mixture of K of them, what the truth costs under it, and what it says about the material.
 //
-// The outputs are the mean m (n), logarithms of precisions l (n) and regressions a_ij, j < i, row
-// by row (n (n - 1) / 2). With d = coordinates - m,
+// The outputs of a Gaussian are the mean m (n), logarithms of precisions l (n) and regressions
+// a_ij, j < i, row by row (n (n - 1) / 2). With d = coordinates - m,
 //   z_i = exp(l_i) (d_i + sum_j a_ij d_j)
 // are independent and standard normal: z = D T d, the modified Cholesky factor of the precision
 // (Pourahmadi, "Joint mean-covariance models with applications to longitudinal data", Biometrika
 // 1999), for which any numbers will do. Outputs that are all 0 are the standard normal.
+//
+// The outputs of a mixture are those of its Gaussians, one after the other, and then K numbers,
+// whose softmax are the weights (Bishop, "Mixture density networks", 1994).
 #pragma once
 
 #include <array>
@@ -27,24 +30,38 @@ constexpr size_t gaussian_outputs(size_t n) {
   return 2 * n + n * (n - 1) / 2;
 }
 
-// Coordinates of so many outputs. Throws Error (invalid input) if no number has them.
+// Outputs over n coordinates of so many Gaussians: of 8 over 7 coordinates 288.
+constexpr size_t mixture_outputs(size_t n, size_t components) {
+  return components > 1 ? components * (gaussian_outputs(n) + 1) : gaussian_outputs(n);
+}
+
+// Of how many Gaussians over n coordinates so many outputs are. Throws Error (invalid input) if
+// they are of no number of them.
+size_t mixture_components(size_t outputs, size_t n);
+
+// Coordinates of so many outputs of one Gaussian. Throws Error (invalid input) if no number has
+// them.
 size_t gaussian_coordinates(size_t outputs);
 
 // Minus the logarithm of the density at the targets (batch x n) for outputs (batch x
-// gaussian_outputs(n)): batch. Log-precisions end softly at -4 and 4, so that neither a certain
+// mixture_outputs(n, K)): batch. Log-precisions end softly at -4 and 4, so that neither a certain
 // network nor one that has given up makes it infinite.
 torch::Tensor negative_log_likelihood(const torch::Tensor& outputs, const torch::Tensor& targets);
 
-// The probability of the region around the Gaussian's mean, an ellipsoid of equal density, that
-// ends at the target: batch x n -> batch. It is uniform in [0, 1] where targets come from their
-// Gaussians.
+// The mean: batch x n.
+torch::Tensor mean_of(const torch::Tensor& outputs, int64_t n);
+
+// The probability of the region where the density is higher than at the target: batch x n -> batch.
+// Of a Gaussian it is an ellipsoid around its mean; of a mixture, 2048 quasi-random points tell. It
+// is uniform in [0, 1] where targets come from their distributions.
 torch::Tensor region_probability(const torch::Tensor& outputs, const torch::Tensor& targets);
 
 // The probability of a value below the target, of each coordinate by itself: batch x n -> batch x
 // n. As uniform as above.
 torch::Tensor marginal_probability(const torch::Tensor& outputs, const torch::Tensor& targets);
 
-// The outputs with other widths, log-precision l_k + offset_k + slope_k m_0. `widths`: 2 x n,
+// The outputs with other widths, log-precision l_k + offset_k + slope_k m_0, of each Gaussian.
+// `widths`: 2 x n,
 // offsets and slopes, in which the result can be differentiated.
 torch::Tensor calibrated(const torch::Tensor& outputs, const torch::Tensor& widths);
 
@@ -58,6 +75,8 @@ struct Gaussian {
   torch::Tensor precision;  // n x n, double, symmetric and positive definite
 };
 Gaussian to_gaussian(std::span<const double> outputs);
+// Of a mixture over n coordinates, the Gaussian that has its mean and its covariance.
+Gaussian to_gaussian(std::span<const double> outputs, size_t n);
 
 // The outputs that stand for it; standard deviations end softly, as above.
 std::vector<double> to_outputs(const Gaussian& gaussian);
@@ -98,9 +117,10 @@ struct Posterior {
   Material mean() const;
 };
 
-// The posterior of each channel by the Gaussian with these outputs, from quasi-random points that
-// are always the same. Points outside of the space's bounds count as the nearest inside. Throws
-// Error (invalid input) if an output is not finite, or there are not as many as the space needs.
+// The posterior of each channel by the distribution with these outputs, from quasi-random points
+// that are always the same. Points outside of the space's bounds count as the nearest inside.
+// Throws Error (invalid input) if an output is not finite, or there are not as many as the space
+// needs.
 std::vector<Posterior> posteriors(const AnswerSpace& space, std::span<const double> outputs,
                                   const IntervalLevels& levels = nominal_levels());
 

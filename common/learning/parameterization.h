@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -58,6 +59,9 @@ OpenInterval g_interval(const v1::MaterialRange& bounds);
 
 // Channels of the images that the model answers about.
 size_t channels_of(const v1::Model& model);
+
+// The most Gaussians of a network's answer (Model.components).
+inline constexpr uint32_t kMaxComponents = 16;
 
 // Coordinates of materials in so many channels, which share the third.
 constexpr size_t coordinate_count(size_t channels) {

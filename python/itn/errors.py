@@ -7,7 +7,7 @@ import warnings
 
 
 class Error(Exception):
-    """Something went wrong that is none of the kinds below: a fault of itn's."""
+    """The base of all; by itself a fault of itn's."""
 
 
 class InvalidInput(Error, ValueError):

@@ -339,6 +339,21 @@ class ResidualTrainingTest : public TrainingTest {
   }
 };
 
+// It fits a mixture, which says more than one Gaussian where there is something to say.
+TEST_F(ResidualTrainingTest, LearnsAMixture) {
+  v1::TrainingConfig c = residual(v1::TrainingConfig::RN, 150);
+  c.set_components(3);
+  const v1::Model model = fit_model(images_, inputs_->mean_radiance(), range_, c);
+  EXPECT_EQ(model.components(), 3U);
+  const std::vector<double> losses = losses_of(c, model);
+  EXPECT_LT(losses.back(), losses.front() - 1);
+  const Predictor predictor(checkpoint().model());
+  std::vector<uint32_t> first{0};
+  const MaterialEstimate estimate = predictor.estimate(inputs_->batch(first)).front();
+  EXPECT_EQ(estimate.outputs.size(), mixture_outputs(3, 3));
+  EXPECT_LT(estimate.posterior->material.parameters[1].low, estimate.material.albedo);
+}
+
 // Products of less precision change each step a little, and what is learned not.
 TEST_F(ResidualTrainingTest, LearnsWithLessPrecision) {
   if (!testing::has_bfloat16()) GTEST_SKIP() << "oneDNN is kept from bfloat16";
@@ -711,6 +726,7 @@ TEST(TrainingConfig, RefusesWhatCannotWork) {
       {"architecture", [](auto& c) { c.clear_architecture(); }},
       {"output", [](auto& c) { c.clear_output(); }},
       {"UNBOUNDED", [](auto& c) { c.set_output(v1::GAUSSIAN); }},
+      {"components", [](auto& c) { c.set_components(2); }},
       {"input", [](auto& c) { c.clear_input(); }},
       {"exposure", [](auto& c) { c.clear_exposure(); }},
       {"noise", [](auto& c) { c.mutable_augmentation()->mutable_noise()->set_max(NAN); }},

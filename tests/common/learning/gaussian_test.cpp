@@ -7,6 +7,7 @@
 #include <gmock/gmock.h>
 
 #include "common/error.h"
+#include "common/learning/encoder.h"
 #include "tests/common/learning/model_for_tests.h"
 
 namespace itn {
@@ -347,6 +348,137 @@ TEST(ColourGaussian, PosteriorsAreThoseOfManyRandomDraws) {
       EXPECT_NEAR(p.high, sorted[kDraws - kDraws / 20].item<double>(), 0.08 * sd) << c << ", " << k;
     }
   }
+}
+
+// Three Gaussians over three coordinates, of unequal weights, and apart from each other.
+std::vector<double> mixture() {
+  std::vector<double> outputs(kWide.begin(), kWide.end());
+  outputs.insert(outputs.end(), kNarrow.begin(), kNarrow.end());
+  for (size_t k = 0; k < kWide.size(); ++k) outputs.push_back(k < 3 ? -2 : kWide[k] / 2);
+  for (const double logit : {0.0, 1.0, -0.5}) outputs.push_back(logit);
+  return outputs;
+}
+
+torch::Tensor row_of(const std::vector<double>& outputs) {
+  return torch::tensor(outputs, torch::kFloat64).unsqueeze(0);
+}
+
+// Draws, one a row.
+torch::Tensor draws_of(const std::vector<double>& outputs, int64_t count) {
+  torch::manual_seed(7);
+  const torch::Tensor weights = torch::softmax(row_of(outputs)[0].slice(0, 27), 0);
+  const torch::Tensor which = torch::multinomial(weights, count, true);
+  torch::Tensor draws = torch::randn({count, 3}, torch::kFloat64);
+  for (int64_t k = 0; k < 3; ++k) {
+    const Gaussian one = to_gaussian({outputs.data() + 9 * k, 9});
+    const torch::Tensor root = at::linalg_cholesky(at::linalg_inv(one.precision));
+    const torch::Tensor of_one = draws.matmul(root.t()) + one.mean;
+    draws = torch::where((which == k).unsqueeze(1), of_one, draws);
+  }
+  return draws;
+}
+
+TEST(Mixture, HasTheDensityOfItsGaussians) {
+  const std::vector<double> outputs = mixture();
+  ASSERT_EQ(outputs.size(), mixture_outputs(3, 3));
+  EXPECT_EQ(mixture_components(outputs.size(), 3), 3U);
+  const torch::Tensor target = torch::tensor({{-0.3, 0.2, 0.5}}, torch::kFloat64);
+  const torch::Tensor weights = torch::softmax(row_of(outputs)[0].slice(0, 27), 0);
+  double density = 0;
+  for (int64_t k = 0; k < 3; ++k) {
+    const torch::Tensor one = row_of(outputs).slice(1, 9 * k, 9 * k + 9);
+    density +=
+        weights[k].item<double>() * std::exp(-negative_log_likelihood(one, target).item<double>());
+  }
+  EXPECT_NEAR(negative_log_likelihood(row_of(outputs), target).item<double>(), -std::log(density),
+              1e-12);
+  // Of a batch, each row is by itself.
+  const torch::Tensor two = torch::cat({row_of(outputs), row_of(outputs)});
+  const torch::Tensor targets = torch::cat({target, target + 1});
+  EXPECT_NEAR(negative_log_likelihood(two, targets)[0].item<double>(), -std::log(density), 1e-12);
+  EXPECT_NE(negative_log_likelihood(two, targets)[1].item<double>(), -std::log(density));
+}
+
+TEST(Mixture, OfOneGaussianSeveralTimesIsThatOne) {
+  std::vector<double> outputs;
+  for (int k = 0; k < 4; ++k) outputs.insert(outputs.end(), kWide.begin(), kWide.end());
+  outputs.insert(outputs.end(), {0.3, -1, 2, 0});
+  const torch::Tensor target = torch::tensor({{0.2, 0.9, -0.4}}, torch::kFloat64);
+  const torch::Tensor one = as_tensor(kWide), all = row_of(outputs);
+  EXPECT_NEAR(negative_log_likelihood(all, target).item<double>(),
+              negative_log_likelihood(one, target).item<double>(), 1e-12);
+  EXPECT_TRUE(torch::allclose(mean_of(all, 3), mean_of(one, 3)));
+  EXPECT_TRUE(
+      torch::allclose(marginal_probability(all, target), marginal_probability(one, target)));
+  EXPECT_NEAR(region_probability(all, target).item<double>(),
+              region_probability(one, target).item<double>(), 0.02);
+  const Gaussian same = to_gaussian(outputs, 3), expected = to_gaussian(kWide);
+  EXPECT_TRUE(torch::allclose(same.mean, expected.mean));
+  EXPECT_TRUE(torch::allclose(same.precision, expected.precision));
+  const AnswerSpace space(residual_model());
+  const Posterior a = posteriors(space, outputs).front(), b = posteriors(space, kWide).front();
+  for (size_t i = 0; i < 3; ++i) {
+    const ParameterPosterior &p = a.material.parameters[i], &q = b.material.parameters[i];
+    EXPECT_NEAR(p.mean, q.mean, 0.02 * q.standard_deviation);
+    EXPECT_NEAR(p.low, q.low, 0.05 * q.standard_deviation);
+    EXPECT_NEAR(p.high, q.high, 0.1 * q.standard_deviation);
+  }
+}
+
+// Of many random draws, nine of ten are where it says; so are their mean and covariance.
+TEST(Mixture, SaysWhereItsDrawsAre) {
+  const std::vector<double> outputs = mixture();
+  constexpr int64_t kDraws = 4000;
+  const torch::Tensor draws = draws_of(outputs, kDraws);
+  const torch::Tensor each = row_of(outputs).expand({kDraws, -1});
+  const torch::Tensor regions = region_probability(each.slice(0, 0, 500), draws.slice(0, 0, 500));
+  EXPECT_NEAR((regions < 0.9).to(torch::kFloat64).mean().item<double>(), 0.9, 0.05);
+  EXPECT_NEAR((regions < 0.5).to(torch::kFloat64).mean().item<double>(), 0.5, 0.08);
+  const torch::Tensor marginals = marginal_probability(each, draws);
+  for (int64_t k = 0; k < 3; ++k) {
+    const torch::Tensor below = (marginals.select(1, k) < 0.2).to(torch::kFloat64);
+    EXPECT_NEAR(below.mean().item<double>(), 0.2, 0.025);
+  }
+  const Gaussian alike = to_gaussian(outputs, 3);
+  const torch::Tensor d = draws - draws.mean(0);
+  const torch::Tensor covariance = d.t().matmul(d) / static_cast<double>(kDraws);
+  EXPECT_TRUE(torch::allclose(draws.mean(0), alike.mean, 0, 0.1));
+  EXPECT_TRUE(torch::allclose(covariance, at::linalg_inv(alike.precision), 0.1, 0.1));
+  EXPECT_TRUE(torch::allclose(mean_of(row_of(outputs), 3)[0], alike.mean));
+  const AnswerSpace space(residual_model());
+  const Posterior posterior = posteriors(space, outputs).front();
+  int inside = 0;
+  for (int64_t i = 0; i < kDraws; ++i) {
+    const Material m = space.materials({draws[i].data_ptr<double>(), 3}).front();
+    const ParameterPosterior& p = posterior.material.parameters[2];  // hardly any are at its bounds
+    inside += m.g >= p.low && m.g <= p.high ? 1 : 0;
+  }
+  EXPECT_NEAR(inside / static_cast<double>(kDraws), 0.9, 0.025);
+}
+
+TEST(Mixture, OtherWidthsAreThoseOfEachGaussian) {
+  const std::vector<double> outputs = mixture();
+  v1::Calibration widths;
+  for (const double x : {0.1, -0.2, 0.3}) widths.add_offset(x);
+  for (const double x : {0.5, 0.0, -0.5}) widths.add_slope(x);
+  const torch::Tensor changed = calibrated(row_of(outputs), to_tensor(widths, 3));
+  for (int64_t k = 0; k < 3; ++k) {
+    const torch::Tensor one = row_of(outputs).slice(1, 9 * k, 9 * k + 9);
+    EXPECT_TRUE(
+        torch::allclose(changed.slice(1, 9 * k, 9 * k + 9), calibrated(one, to_tensor(widths, 3))));
+  }
+  EXPECT_TRUE(torch::equal(changed.slice(1, 27), row_of(outputs).slice(1, 27)));
+}
+
+TEST(Mixture, RefusesNumbersThatAreNone) {
+  for (const size_t outputs : {0U, 8U, 10U, 19U, 21U}) {
+    EXPECT_THROW(mixture_components(outputs, 3), Error) << outputs;
+  }
+  v1::Model model = residual_model();
+  model.set_components(17);
+  EXPECT_THROW(output_count(model), Error);
+  model.set_components(2);
+  EXPECT_EQ(output_count(model), 20);
 }
 
 }  // namespace
