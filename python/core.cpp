@@ -38,8 +38,10 @@
 #include "client/scene/scene_file.h"
 #include "client/scene/text_proto.h"
 #include "common/error.h"
+#include "common/files/read_file.h"
 #include "common/render_limits.h"
 #include "common/scene/wire_array.h"
+#include "itn/v1/dataset.pb.h"
 #include "server/renderer.h"
 
 namespace nb = nanobind;
@@ -295,6 +297,30 @@ std::vector<std::pair<std::string, Array>> read_planes(const std::string& path) 
                                                          static_cast<size_t>(image.width)}));
   }
   return planes;
+}
+
+// Of each item of a dataset: its file, split, shape, and the materials of its channels.
+std::vector<std::tuple<std::string, std::string, std::string,
+                       std::vector<std::tuple<double, double, double>>>>
+read_manifest(const std::string& path) {
+  v1::Dataset dataset;
+  parse_text_proto(read_file(path, "dataset's manifest"), path, dataset);
+  std::vector<std::tuple<std::string, std::string, std::string,
+                         std::vector<std::tuple<double, double, double>>>>
+      items;
+  for (const v1::DatasetItem& item : dataset.items()) {
+    std::vector<std::tuple<double, double, double>> materials;
+    const auto add = [&](const v1::Material& m) {
+      materials.emplace_back(m.sigma_t(), m.albedo(), m.g());
+    };
+    for (const v1::Material& material : item.colours()) add(material);
+    if (item.colours().empty()) add(item.material());
+    const std::string split = item.split() == v1::SPLIT_TEST         ? "test"
+                              : item.split() == v1::SPLIT_VALIDATION ? "validation"
+                                                                     : "train";
+    items.emplace_back(item.file(), split, item.shape(), materials);
+  }
+  return items;
 }
 
 nb::bytes png_of(const nb::ndarray<const unsigned char, nb::shape<-1, -1, 3>, nb::c_contig,
@@ -572,6 +598,7 @@ NB_MODULE(_core, module) {
   module.def("write_exr", write_planes);
   module.def("read_exr", read_planes);
   module.def("encode_png", png_of);
+  module.def("read_manifest", read_manifest);
 
   module.def("render", render, "scene"_a, "request"_a, "stop"_a.none(), "progress"_a.none());
   module.def("materials_of", [](const PyScene& scene, const PyRequest& request) {

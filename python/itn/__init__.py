@@ -8,11 +8,13 @@
 from .analysis import Answer, Prediction, Refinement, fit, predict, refine
 from ._core import VERSION as __version__
 from ._core import Stop, derivative_names
+from .datasets import Dataset
 from .errors import Cancelled, Error, FileError, InvalidInput, LimitExceeded, Unavailable
 from .media import Medium, materials
+from .pictures import Picture, row
 from .rendering import Render, render, render_many
 from .scene import Number, Scene, load, scene
 
-__all__ = ["Answer", "Cancelled", "Error", "FileError", "InvalidInput", "LimitExceeded", "Medium", "Number", "Prediction", "Refinement", "Render", "Scene",
-           "Stop", "Unavailable", "__version__", "derivative_names", "fit", "load", "materials", "predict", "refine", "render", "render_many",
-           "scene"]
+__all__ = ["Answer", "Cancelled", "Dataset", "Error", "FileError", "InvalidInput", "LimitExceeded", "Medium", "Number",
+           "Picture", "Prediction", "Refinement", "Render", "Scene", "Stop", "Unavailable", "__version__",
+           "derivative_names", "fit", "load", "materials", "predict", "refine", "render", "render_many", "row", "scene"]

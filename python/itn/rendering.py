@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import _core
+from . import _core, pictures
 from .errors import InvalidInput, warn
+from .pictures import Picture
 from .scene import Scene, load
 
 Array = npt.NDArray[np.float32]
@@ -74,26 +75,25 @@ class Render:
     def _channels(array: Array) -> list[Array]:
         return [array] if array.ndim == 2 else [array[..., c] for c in range(array.shape[-1])]
 
-    def png(self, exposure: float = 0) -> bytes:
-        """A PNG file to look at: white is the brightest on the object, `exposure` stops brighter."""
+    def picture(self, derivative: str | None = None, exposure: float = 0) -> Picture:
+        """The image to look at: white is what is brightest on the object; `exposure` makes it
+        brighter, in stops. Or a derivative:
+        red where it is above 0, blue below."""
+        if derivative is not None:
+            if derivative not in self.derivatives:
+                raise InvalidInput(f"{derivative} is none of this render's derivatives: "
+                                   f"{', '.join(self.derivatives) or 'it has none'}")
+            return pictures.of_signs(self.derivatives[derivative])
         shown = self.image[self.mask > 0.5]
         shown = shown if shown.size else self.image
-        white = float(np.quantile(shown, 0.99)) / 2.0 ** exposure if shown.size else 0.0
-        linear = np.clip(self.image / white if white > 0 else self.image, 0, 1)
-        encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-        pixels = np.round(255 * encoded).astype(np.uint8)
-        return _core.encode_png(np.ascontiguousarray(np.broadcast_to(pixels.reshape(*self.mask.shape, -1),
-                                                                     (*self.mask.shape, 3))))
+        return pictures.of_radiance(self.image, float(np.quantile(shown, 0.99)) / 2.0 ** exposure)
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Writes an OpenEXR file with the layers that `itn render` writes: R, G and B, or Y, its stderr, mask.Y and
-        derivatives. A file whose name ends in .png is what png() returns."""
+        derivatives. A file whose name ends in .png is the picture."""
         name = os.fspath(path)
         if name.lower().endswith(".png"):
-            temporary = f"{name}.{os.getpid()}.part"
-            with open(temporary, "wb") as file:
-                file.write(self.png())
-            os.replace(temporary, name)
+            self.picture().write(path)
             return
         colours = ("Y",) if self.image.ndim == 2 else ("R", "G", "B")
         planes = [("mask.Y", self.mask)]
@@ -105,7 +105,7 @@ class Render:
         _core.write_exr(name, planes)
 
     def _repr_png_(self) -> bytes:
-        return self.png()
+        return self.picture().png
 
     def __repr__(self) -> str:
         height, width = self.mask.shape

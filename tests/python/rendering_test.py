@@ -76,6 +76,10 @@ class Renders(unittest.TestCase):
         done = itn.render(CUBE, **MEDIUM, spp=4, derivatives=["g"])
         self.assertTrue(done._repr_png_().startswith(b"\x89PNG"))
         self.assertIn("24 x 24", repr(done))
+        self.assertEqual(done.picture("g").enlarged(2).pixels.shape, (48, 48, 3))
+        self.assertEqual(itn.row(done.picture(), done.picture("g").enlarged(2)).pixels.shape, (48, 72, 3))
+        with self.assertRaisesRegex(itn.InvalidInput, "albedo is none"):
+            done.picture("albedo")
         with tempfile.TemporaryDirectory() as folder:
             done.write(f"{folder}/a.exr")
             done.write(f"{folder}/a.png")
