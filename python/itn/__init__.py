@@ -5,6 +5,11 @@
     r = itn.render(scene, sigma_t=60, albedo=.8, g=.3, spp=256, derivatives=["sigma_t"])
     r.image, r.stderr, r.derivatives["sigma_t"]
 """
+from pkgutil import extend_path
+
+# Stubs that protoc makes of proto/ are the package itn.v1, which may lie elsewhere.
+__path__ = extend_path(__path__, __name__)
+
 from .analysis import Answer, Prediction, Refinement, fit, predict, refine
 from ._core import VERSION as __version__
 from ._core import Stop, derivative_names

@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import unittest
 
@@ -80,6 +81,13 @@ class Module(unittest.TestCase):
         shown = subprocess.run(["nm", "-DC", "--defined-only", _core.__file__], check=True, capture_output=True,
                                text=True).stdout
         self.assertEqual([line.split()[-1] for line in shown.splitlines()], ["PyInit__core"])
+
+    def test_leaves_room_for_the_stubs_of_protoc(self):
+        with tempfile.TemporaryDirectory() as folder:
+            (pathlib.Path(folder) / "itn/v1").mkdir(parents=True)
+            (pathlib.Path(folder) / "itn/v1/render_pb2.py").write_text("NAME = 'render'")
+            code = f"import sys; sys.path.insert(0, {folder!r}); from itn.v1 import render_pb2; import itn; itn.render"
+            subprocess.run([sys.executable, "-c", code], check=True)
 
     def test_imports_no_torch(self):
         subprocess.run([sys.executable, "-c", "import sys, itn; assert 'torch' not in sys.modules"], check=True)
