@@ -16,11 +16,14 @@
 #include <cstddef>
 #include <cstdint>
 #include <exception>
+#include <functional>
 #include <future>
 #include <memory>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
+#include <thread>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -81,12 +84,16 @@ void translate(const std::exception_ptr& thrown, void* /*payload*/) {
 
 // ---- This process ----------------------------------------------------------------------------
 
+// Set when Python ends: renders of threads that it leaves behind end before it does.
+std::atomic<bool> python_ends = false;
+
 // Renders that are under way. A process that is forked meanwhile has locks that nobody will open.
 std::atomic<int> renders_under_way = 0;
 std::atomic<bool> forked_under_way = false;
 
 struct UnderWay {
   UnderWay() {
+    if (python_ends) throw Error(ErrorKind::kCancelled, "Python ends");
     if (forked_under_way) {
       throw Error(ErrorKind::kInternal,
                   "this process was forked while its parent rendered; start processes by the "
@@ -102,6 +109,13 @@ struct UnderWay {
 void after_fork() {
   if (renders_under_way > 0) forked_under_way = true;
   renders_under_way = 0;
+}
+
+// Called by Python's atexit: afterwards, no thread that renders wants the interpreter's lock.
+void end_renders() {
+  python_ends = true;
+  const nb::gil_scoped_release unlocked;
+  while (renders_under_way > 0) std::this_thread::sleep_for(milliseconds(1));
 }
 
 // Of all renders of this process. It is never destroyed, as threads may use it to the end.
@@ -133,6 +147,25 @@ PyScene scene_of_text(const std::string& text, const std::string& folder) {
   parse_text_proto(text, "the scene", scene.message);
   load_files(scene.message, folder);
   return scene;
+}
+
+// The names of the fields of scenes that are bytes, and of those that are vectors.
+std::pair<std::vector<std::string>, std::vector<std::string>> scene_fields() {
+  std::set<std::string> bytes, vectors;
+  std::set<const google::protobuf::Descriptor*> known;
+  const std::function<void(const google::protobuf::Descriptor*)> look =
+      [&](const google::protobuf::Descriptor* message) {
+        if (!known.insert(message).second) return;
+        for (int i = 0; i < message->field_count(); ++i) {
+          const google::protobuf::FieldDescriptor& field = *message->field(i);
+          if (field.type() == field.TYPE_BYTES) bytes.insert(field.name());
+          if (field.message_type() == nullptr) continue;
+          if (field.message_type() == v1::Vec3::descriptor()) vectors.insert(field.name());
+          look(field.message_type());
+        }
+      };
+  look(v1::Scene::descriptor());
+  return {{bytes.begin(), bytes.end()}, {vectors.begin(), vectors.end()}};
 }
 
 struct PyImport {
@@ -361,6 +394,7 @@ class Watch {
   Watch(Stop* stop, nb::object progress) : stop_(stop), progress_(std::move(progress)) {}
 
   void look(double fraction) const {
+    if (python_ends) throw Error(ErrorKind::kCancelled, "Python ends");
     if (stop_ != nullptr && stop_->requested) throw Error(ErrorKind::kCancelled, "cancelled");
     const nb::gil_scoped_acquire lock;
     if (PyErr_CheckSignals() != 0) throw nb::python_error();
@@ -456,6 +490,8 @@ NB_MODULE(_core, module) {
   nb::set_leak_warnings(false);  // what PyTorch holds to the end is no leak of ours
   spdlog::set_level(spdlog::level::warn);
   module.attr("VERSION") = ITN_VERSION;
+  module.def("end_renders", end_renders);
+  module.def("scene_fields", scene_fields);
 
   nb::class_<Stop>(module, "Stop").def(nb::init<>()).def("request", [](Stop& stop) {
     stop.requested = true;
@@ -471,6 +507,12 @@ NB_MODULE(_core, module) {
       .def("numbers", numbers_of)
       .def("width", [](const PyScene& scene) { return scene.message.film().width(); })
       .def("height", [](const PyScene& scene) { return scene.message.film().height(); })
+      .def("coloured",
+           [](const PyScene& scene) {
+             PyScene other = scene;
+             other.message.mutable_film()->set_channel(v1::Film::RGB);
+             return other;
+           })
       .def("is_in_colour",
            [](const PyScene& scene) { return scene.message.film().channel() == v1::Film::RGB; })
       .def("resized",

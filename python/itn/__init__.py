@@ -5,11 +5,13 @@
     r = itn.render(scene, sigma_t=60, albedo=.8, g=.3, spp=256, derivatives=["sigma_t"])
     r.image, r.stderr, r.derivatives["sigma_t"]
 """
+import atexit
 from pkgutil import extend_path
 
 # Stubs that protoc makes of proto/ are the package itn.v1, which may lie elsewhere.
 __path__ = extend_path(__path__, __name__)
 
+from . import _core
 from .analysis import Answer, Prediction, Refinement, fit, predict, refine
 from ._core import VERSION as __version__
 from ._core import Stop, derivative_names
@@ -19,6 +21,8 @@ from .media import Medium, materials
 from .pictures import Picture, row
 from .rendering import Render, render, render_many
 from .scene import Number, Scene, load, scene
+
+atexit.register(_core.end_renders)
 
 __all__ = ["Answer", "Cancelled", "Dataset", "Error", "FileError", "InvalidInput", "LimitExceeded", "Medium", "Number",
            "Picture", "Prediction", "Refinement", "Render", "Scene", "Stop", "Unavailable", "__version__",

@@ -1,9 +1,11 @@
 """What itn raises, and warns of. Every message says what is wrong, where, and what would be right."""
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import warnings
+from collections.abc import Iterator
 
 
 class Error(Exception):
@@ -27,7 +29,7 @@ class Unavailable(Error):
 
 
 class Cancelled(Error):
-    """What was under way was cancelled from another thread."""
+    """What was under way was cancelled from another thread, or as Python ended."""
 
 
 def warn(message: str) -> None:
@@ -37,3 +39,18 @@ def warn(message: str) -> None:
     while frame.f_back is not None and os.path.dirname(frame.f_code.co_filename) == package:
         frame, level = frame.f_back, level + 1
     warnings.warn(message, stacklevel=level)
+
+
+@contextlib.contextmanager
+def writing(path: str | os.PathLike[str]) -> Iterator[str]:
+    """The name of a temporary file, which becomes `path` if all goes well. Raises FileError."""
+    name = os.fspath(path)
+    temporary = f"{name}.{os.getpid()}.part"
+    try:
+        yield temporary
+        os.replace(temporary, name)
+    except OSError as error:
+        raise FileError(f"cannot write {name}: {error.strerror or error}") from None
+    finally:
+        with contextlib.suppress(OSError):
+            os.unlink(temporary)

@@ -10,6 +10,7 @@ from . import _core
 class Medium:
     """A measured medium: numbers of red, green and blue."""
 
+    name: str  #: as `medium` of itn.render takes it
     sigma_t: tuple[float, float, float]  #: extinction, in 1/mm
     albedo: tuple[float, float, float]  #: single-scattering albedo
     g: tuple[float, float, float]  #: mean cosine of scattering
@@ -18,9 +19,9 @@ class Medium:
 
 
 def materials() -> dict[str, Medium]:
-    """The measured media by name, as `medium` of itn.render takes them."""
+    """The measured media by name."""
     media = {}
     for name, source, index, channels in _core.measured_media():
         sigma_t, albedo, g = zip(*channels)
-        media[name] = Medium(sigma_t, albedo, g, index, source)
+        media[name] = Medium(name, sigma_t, albedo, g, index, source)
     return media

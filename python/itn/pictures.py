@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _core
+from .errors import writing
 
 
 class Picture:
@@ -27,14 +28,8 @@ class Picture:
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Writes a PNG file."""
-        temporary = f"{os.fspath(path)}.{os.getpid()}.part"
-        try:
-            with open(temporary, "wb") as file:
-                file.write(self.png)
-            os.replace(temporary, path)
-        finally:
-            if os.path.exists(temporary):
-                os.unlink(temporary)
+        with writing(path) as temporary, open(temporary, "wb") as file:
+            file.write(self.png)
 
     def _repr_png_(self) -> bytes:
         return self.png

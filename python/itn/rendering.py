@@ -3,25 +3,29 @@ from __future__ import annotations
 
 import json
 import os
+import queue
 import tempfile
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _core, pictures
-from .errors import InvalidInput, warn
+from .errors import Error, InvalidInput, warn
+from .media import Medium
 from .pictures import Picture
-from .scene import Scene, load
+from .scene import Scene, as_scene
 
 Array = npt.NDArray[np.float32]
 
 #: A number, or three of red, green and blue.
 Numbers = float | Sequence[float] | npt.NDArray[Any]
+
+T = TypeVar("T")
 
 MAX_SEED = (1 << 64) - 1
 _COUNTERS = ("paths", "steps", "invalid_samples", "leaks", "cpu_seconds")
@@ -95,6 +99,8 @@ class Render:
         if name.lower().endswith(".png"):
             self.picture().write(path)
             return
+        if not name.lower().endswith(".exr"):
+            raise InvalidInput(f"{name}: its name ends in .exr, or .png for a picture")
         colours = ("Y",) if self.image.ndim == 2 else ("R", "G", "B")
         planes = [("mask.Y", self.mask)]
         for prefix, array in [("", self.image), ("stderr.", self.stderr),
@@ -118,12 +124,21 @@ class Render:
 def numbers(name: str, value: Numbers) -> list[float]:
     """One number, or three."""
     try:
+        if isinstance(value, (str, bool)):
+            raise TypeError
         array = np.asarray(value, dtype=np.float64).ravel()
     except (TypeError, ValueError):
         raise InvalidInput(f"{name} {value!r}: it is a number, or three of red, green and blue") from None
     if array.size not in (1, 3) or not np.isfinite(array).all():
         raise InvalidInput(f"{name} {value!r}: it is a number, or three of red, green and blue")
     return [float(number) for number in array]
+
+
+def named(name: str, value: Any, kind: type[T], what: str) -> T:
+    """A value of a type."""
+    if not isinstance(value, kind):
+        raise InvalidInput(f"{name} {value!r}: it is {what}")
+    return value
 
 
 def whole(name: str, value: Any, low: int, high: int) -> int:
@@ -145,17 +160,8 @@ def processors(threads: int | None) -> int:
     return len(os.sched_getaffinity(0)) if threads is None else whole("threads", threads, 1, 1024)
 
 
-def as_scene(scene: Scene | str | os.PathLike[str]) -> Scene:
-    """A scene, or that of a file."""
-    if isinstance(scene, Scene):
-        return scene
-    if isinstance(scene, (str, os.PathLike)):
-        return load(scene)
-    raise InvalidInput(f"scene {type(scene).__name__}: it is what itn.load or itn.scene returns, or a path")
-
-
 def set_medium(request: _core.Request, scene: Scene, sigma_t: Numbers | None, albedo: Numbers | None, g: Numbers | None,
-               medium: str | None, object_size: float | None, phase: str | None) -> bool:
+               medium: str | Medium | None, object_size: float | None, phase: str | None) -> bool:
     """Puts the medium into a request: that which is given, or the scene's. Whether it is in colour."""
     given = [name for name, value in (("sigma_t", sigma_t), ("albedo", albedo), ("g", g), ("phase", phase))
              if value is not None]
@@ -177,28 +183,30 @@ def set_medium(request: _core.Request, scene: Scene, sigma_t: Numbers | None, al
                                "scene's object")
         return False
     if medium is not None:
-        request.medium = str(medium)
+        request.medium = medium.name if isinstance(medium, Medium) else named("medium", medium, str, "a name")
+        if not request.medium:
+            raise InvalidInput("medium '': it is the name of a measured medium; itn.materials() has them")
         request.object_size = 0.0 if object_size is None else positive("object_size", object_size)
         return False
     if sigma_t is None or albedo is None:
         raise InvalidInput("sigma_t and albedo are both required where one of the medium's numbers is given")
     kinds = [numbers("sigma_t", sigma_t), numbers("albedo", albedo), [] if g is None else numbers("g", g)]
     request.set_material(*kinds)
-    request.set_phase("" if phase is None else phase)
+    request.set_phase("" if phase is None else named("phase", phase, str, "the text of a phase function"))
     return any(len(kind) == 3 for kind in kinds)
 
 
-def render(scene: Scene | str | os.PathLike[str], *, sigma_t: Numbers | None = None, albedo: Numbers | None = None,
-           g: Numbers | None = None, medium: str | None = None, object_size: float | None = None,
+def render(scene: Scene | Mapping[str, Any] | str | os.PathLike[str], *, sigma_t: Numbers | None = None, albedo: Numbers | None = None,
+           g: Numbers | None = None, medium: str | Medium | None = None, object_size: float | None = None,
            phase: str | None = None, spp: int | None = None, noise: float | None = None,
-           time: float | None = None, seed: int = 0, derivatives: Sequence[str] = (), estimates: int = 1,
-           pilot_spp: int = 0, values: Mapping[str, float] | None = None, resolution: int | tuple[int, int] | None = None,
+           time: float | None = None, seed: int = 0, derivatives: str | Sequence[str] = (), estimates: int = 1,
+           pilot_spp: int = 0, values: Mapping[str, float] | None = None, resolution: int | Sequence[int] | None = None,
            colour: bool | None = None, pixels: str = "all", tracer: str = "wavefront", threads: int | None = None,
            workers: str | Sequence[str] | None = None, progress: Callable[[float], Any] | None = None,
            stop: _core.Stop | None = None) -> Render:
     """Renders an image of the scene and derivatives of it.
 
-    scene: what itn.load or itn.scene returns, or the path of a scene file.
+    scene: what itn.load or itn.scene returns, the path of a scene file, or a dictionary as itn.scene takes.
     sigma_t, albedo, g: the medium: extinction in 1/mm, single-scattering albedo, mean cosine (default 0); three
         numbers of one of them, of red, green and blue, make an image in colour. Default: the scene's own medium.
     medium, object_size: instead, a measured medium (itn.materials), in an object that stands for one whose
@@ -212,9 +220,9 @@ def render(scene: Scene | str | os.PathLike[str], *, sigma_t: Numbers | None = N
         Scene.parameters.
     estimates: how many independent estimates there are, which tell errors of derivatives.
     pilot_spp: samples per pixel of a pilot, which quietens derivatives in sigma_t and g.
-    values: numbers that are others than the scene says, by name.
-    resolution: pixels of the image, instead of the film's.
-    colour: an image in colour, whatever the film says.
+    values: numbers of the scene that are others than it says, by name; none of the medium.
+    resolution: pixels of the image, instead of the film's: of a square, or (width, height).
+    colour: an image in colour, or not, whatever the film says.
     pixels: "all", or those that see the "object"; others are 0.
     tracer: "wavefront", or "reference", plain path tracing.
     threads: how many; default: one for each processor.
@@ -228,9 +236,15 @@ def render(scene: Scene | str | os.PathLike[str], *, sigma_t: Numbers | None = N
     """
     scene = as_scene(scene)
     if resolution is not None:
-        scene = scene.resized(*resolution) if isinstance(resolution, tuple) else scene.resized(resolution)
+        sides = [resolution] if isinstance(resolution, (int, np.integer)) else list(named(
+            "resolution", resolution, Sequence, "a number of pixels, or (width, height)"))  # type: ignore[type-abstract]
+        if isinstance(resolution, str) or len(sides) not in (1, 2):
+            raise InvalidInput(f"resolution {resolution!r}: it is a number of pixels, or (width, height)")
+        scene = scene.resized(*sides)
     request = _core.Request()
     in_colour = set_medium(request, scene, sigma_t, albedo, g, medium, object_size, phase)
+    if in_colour and colour is False:
+        raise InvalidInput("colour=False and three numbers of red, green and blue: they are of an image in colour")
     in_colour = in_colour or scene._core.is_in_colour()
     request.set_colour(in_colour if colour is None else bool(colour))
     goal = noise is not None or time is not None
@@ -240,15 +254,23 @@ def render(scene: Scene | str | os.PathLike[str], *, sigma_t: Numbers | None = N
     request.set_samples(spp, whole("seed", seed, 0, MAX_SEED), whole("estimates", estimates, 1, 16),
                         whole("pilot_spp", pilot_spp, 0, 64))
     request.set_goal(0.0 if noise is None else positive("noise", noise), 0.0 if time is None else positive("time", time))
-    names = [derivatives] if isinstance(derivatives, str) else [str(name) for name in derivatives]
+    names = [derivatives] if isinstance(derivatives, str) else [str(name) for name in derivatives or ()]
     for name in names:
         _core.is_of_medium(name)
     request.set_derivatives(names)
-    others = {str(name): float(value) for name, value in (values or {}).items()}
+    others = {}
+    for name, value in named("values", values or {}, Mapping, "a dictionary of numbers by name").items():  # type: ignore[type-abstract]
+        if _core.is_of_medium(name):
+            raise InvalidInput(f"values: {name} is of the medium, which sigma_t, albedo, g and phase say")
+        if isinstance(value, (str, bool)) or np.size(value) != 1:
+            raise InvalidInput(f"values: {name} is {value!r}; it is a number")
+        others[name] = float(np.asarray(value, dtype=np.float64).ravel()[0])
     request.set_values(list(others.items()))
-    request.set_pixels(pixels)
-    request.set_tracer(tracer)
+    request.set_pixels(named("pixels", pixels, str, "'all' or 'object'"))
+    request.set_tracer(named("tracer", tracer, str, "'wavefront' or 'reference'"))
     request.set_threads(processors(threads))
+    if stop is not None:
+        named("stop", stop, _core.Stop, "an itn.Stop")
     if workers is not None:
         if progress is not None or stop is not None:
             raise InvalidInput("workers: they take neither progress nor stop")
@@ -311,6 +333,47 @@ def _by_workers(scene: Scene, request: _core.Request, names: list[str], flags: d
         counters={name: said[name] for name in _COUNTERS})
 
 
+def in_threads(work: Iterable[Callable[[_core.Stop], T]], at_a_time: int) -> Iterator[tuple[int, T | Exception]]:
+    """Does work in so many threads, and yields (number, what it returned or raised) as it is done. Work is taken as it
+    is needed. What is under way when nobody takes further answers is stopped."""
+    stop = _core.Stop()
+    waiting: queue.SimpleQueue[tuple[int, Callable[[_core.Stop], T]] | None] = queue.SimpleQueue()
+    done: queue.SimpleQueue[tuple[int, T | Exception]] = queue.SimpleQueue()
+
+    def serve() -> None:
+        while (job := waiting.get()) is not None:
+            try:
+                done.put((job[0], job[1](stop)))
+            except Exception as error:
+                done.put((job[0], error))
+
+    # Daemons, so that nobody waits for them as Python ends.
+    threads: list[threading.Thread] = []
+    ahead = enumerate(work)
+    under_way = 0
+
+    def submit() -> None:
+        nonlocal under_way
+        while under_way <= at_a_time and (job := next(ahead, None)) is not None:
+            waiting.put(job)
+            under_way += 1
+            if len(threads) < at_a_time:
+                threads.append(threading.Thread(target=serve, daemon=True))
+                threads[-1].start()
+
+    try:
+        submit()
+        while under_way:
+            answer = done.get()
+            under_way -= 1
+            yield answer
+            submit()
+    finally:
+        stop.request()
+        for _ in threads:
+            waiting.put(None)
+
+
 def render_many(requests: Iterable[Mapping[str, Any]], *, threads: int | None = None) -> Iterator[tuple[int, Render]]:
     """Renders many images at the same time, each with one thread, and yields (number, Render) as they are done.
 
@@ -318,32 +381,19 @@ def render_many(requests: Iterable[Mapping[str, Any]], *, threads: int | None = 
         they are needed, so that there may be any number of them.
     threads: how many images at a time; default: one for each processor.
 
-    Raises what itn.render raises, for the first that fails. What is under way then, or where nobody takes
-    further images, is cancelled.
+    Raises what itn.render raises, for the first that fails, with its number. What is under way then, or where nobody
+    takes further images, is cancelled.
     """
-    at_a_time = processors(threads)
-    stop = _core.Stop()
-    ahead = enumerate(requests)
-    with ThreadPoolExecutor(at_a_time) as executor:
-        under_way: dict[Future[Render], int] = {}
+    def work(number: int, request: Any) -> Callable[[_core.Stop], Render]:
+        if not isinstance(request, Mapping) or "scene" not in request:
+            raise InvalidInput(f"request {number}: it is a dictionary of the arguments of itn.render, with a scene")
+        return lambda stop: render(**{"threads": 1, **({} if "workers" in request else {"stop": stop}), **request})
 
-        def submit() -> None:
-            for number, request in ahead:
-                under_way[executor.submit(render, **{"threads": 1, "stop": stop, **request})] = number
-                if len(under_way) > at_a_time:
-                    return
-
-        try:
-            submit()
-            while under_way:
-                # In short turns, so that Ctrl-C is seen.
-                done, _ = wait(under_way, timeout=0.02, return_when=FIRST_COMPLETED)
-                for future in done:
-                    number = under_way.pop(future)
-                    yield number, future.result()
-                if done:
-                    submit()
-        finally:
-            stop.request()
-            for future in under_way:
-                future.cancel()
+    if isinstance(requests, Mapping):
+        raise InvalidInput("requests: they are a list of dictionaries, one for each image")
+    for number, done in in_threads((work(i, request) for i, request in enumerate(requests)), processors(threads)):
+        if isinstance(done, Error):
+            raise type(done)(f"request {number}: {done}") from done
+        if isinstance(done, Exception):
+            raise done
+        yield number, done

@@ -3,14 +3,23 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import os
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from . import _core
-from .errors import InvalidInput, warn
+from .errors import InvalidInput, warn, writing
+
+# Fields that are arrays: of whole numbers, and of so many numbers a row. All others have floats.
+_WHOLE = {"indices"}
+_COLUMNS = {"positions": 3, "indices": 3, "corner_normals": 9, "rgb": 3}
+_BYTES, _VECTORS = (frozenset(names) for names in _core.scene_fields())
+
+_LARGEST = 65535  # of a film, in pixels a side
 
 
 class Number(NamedTuple):
@@ -24,7 +33,8 @@ class Number(NamedTuple):
 class Scene:
     """What is rendered: an object, other surfaces, lights, a camera and a film. It does not change.
 
-    Lengths are in mm, radiance is in W/(m^2 sr). docs/reference/scene.md says what a scene may hold.
+    Lengths are in mm, radiance is in W/(m^2 sr). docs/reference/scene.md says what a scene may hold. itn.load and
+    itn.scene make one.
     """
 
     __slots__ = ("_core",)
@@ -44,11 +54,15 @@ class Scene:
 
     def resized(self, width: int, height: int | None = None) -> Scene:
         """The same scene with an image of so many pixels; square without a height."""
-        height = width if height is None else height
-        for name, value in (("width", width), ("height", height)):
-            if not isinstance(value, (int, np.integer)) or not 1 <= value < 1 << 16:
-                raise InvalidInput(f"{name} {value!r}: it is a whole number of pixels, from 1 on")
-        return Scene(self._core.resized(int(width), int(height)))
+        sides = (width, width if height is None else height)
+        for name, value in zip(("width", "height"), sides):
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 1 <= value <= _LARGEST:
+                raise InvalidInput(f"{name} {value!r}: it is a whole number of pixels, from 1 to {_LARGEST}")
+        return Scene(self._core.resized(int(sides[0]), int(sides[1])))
+
+    def coloured(self) -> Scene:
+        """The same scene with an image in colour."""
+        return Scene(self._core.coloured())
 
     def parameters(self) -> Mapping[str, Number]:
         """The numbers of this scene that renders have derivatives in, by the names that `derivatives`
@@ -61,8 +75,8 @@ class Scene:
         self._core.check()
 
     def to_dict(self) -> dict[str, Any]:
-        """The scene as nested dictionaries, of which itn.scene makes an equal one."""
-        held: dict[str, Any] = json.loads(self._core.to_json())
+        """The scene as nested dictionaries, of which itn.scene makes an equal one; triangles are arrays."""
+        held: dict[str, Any] = _with_arrays(json.loads(self._core.to_json()))
         return held
 
     def to_text(self) -> str:
@@ -71,14 +85,8 @@ class Scene:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a scene file."""
-        temporary = f"{os.fspath(path)}.{os.getpid()}.part"
-        try:
-            with open(temporary, "w", encoding="utf-8") as file:
-                file.write(self.to_text())
-            os.replace(temporary, path)
-        finally:
-            if os.path.exists(temporary):
-                os.unlink(temporary)
+        with writing(path) as temporary, open(temporary, "w", encoding="utf-8") as file:
+            file.write(self.to_text())
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Scene) and self.to_text() == other.to_text()
@@ -93,7 +101,7 @@ class Scene:
         self._core = _core.Scene.of_json(state, ".")
 
     def __repr__(self) -> str:
-        held = self.to_dict()
+        held = json.loads(self._core.to_json())
         lights = [next(iter(light), "?") for light in held.get("lights", [])]
         return (f"<itn.Scene: {self.width} x {self.height} pixels, lights: {', '.join(lights) or 'none'}, "
                 f"surfaces: {len(held.get('surfaces', []))}>")
@@ -104,9 +112,10 @@ def load(path: str | os.PathLike[str], *, mm_per_unit: float = 1,
     """Reads a scene: a scene file of itn, or an XML file of Mitsuba (0.6 or 3).
 
     `mm_per_unit` and `definitions`, the values of a file's $names, are of Mitsuba's files alone. What
-    of such a file has no counterpart here is said by a warning; its medium becomes that of the
-    object. Raises FileError and InvalidInput.
+    of such a file has no counterpart here is said by a warning. Raises FileError and InvalidInput.
     """
+    if not isinstance(path, (str, os.PathLike)):
+        raise InvalidInput(f"path {type(path).__name__}: itn.load reads a file; itn.scene takes dictionaries")
     name = os.fspath(path)
     if not name.lower().endswith(".xml"):
         if mm_per_unit != 1 or definitions:
@@ -122,31 +131,74 @@ def load(path: str | os.PathLike[str], *, mm_per_unit: float = 1,
 def scene(description: Mapping[str, Any] | str, *, folder: str | os.PathLike[str] = ".") -> Scene:
     """Makes a scene of nested dictionaries, or of the text of a scene file.
 
-    Names are those of docs/reference/scene.md. Triangles take NumPy arrays: `positions`
-    and `corner_normals` of floats, `indices` of whole numbers. Paths of meshes and images are relative to `folder`.
-    Raises InvalidInput and FileError.
+    Names are those of docs/reference/scene.md. Vectors may be three numbers. Triangles take arrays: `positions` (n, 3)
+    and `corner_normals` (n, 9) of floats, `indices` (n, 3) of whole numbers. Paths of meshes and images are relative
+    to `folder`. Raises InvalidInput and FileError.
     """
+    if isinstance(description, os.PathLike) or isinstance(description, str) and "{" not in description:
+        raise InvalidInput(f"{os.fspath(description)!r} is no scene; itn.load reads one from a file")
     if isinstance(description, str):
         return Scene(_core.Scene.of_text(description, os.fspath(folder)))
-    return Scene(_core.Scene.of_json(json.dumps(_plain(description)), os.fspath(folder)))
+    if not isinstance(description, Mapping):
+        raise InvalidInput(f"description {type(description).__name__}: it is a dictionary, or the text of a scene file")
+    return Scene(_core.Scene.of_json(json.dumps(_plain(description, "", "")), os.fspath(folder)))
 
 
-def _plain(value: Any) -> Any:
-    """What JSON can say of it: arrays of numbers are bytes there."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(held) for key, held in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(held) for held in value]
-    if isinstance(value, (np.floating, np.integer, np.bool_)):
-        return value.item()
+def as_scene(given: Any) -> Scene:
+    """A scene, that of a file, or that of a dictionary."""
+    if isinstance(given, Scene):
+        return given
+    if isinstance(given, Mapping):
+        return scene(given)
+    if isinstance(given, (str, os.PathLike)):
+        return load(given)
+    raise InvalidInput(f"scene {type(given).__name__}: it is what itn.load or itn.scene returns, a path, or a dictionary")
+
+
+def _plain(value: Any, name: str, place: str) -> Any:
+    """What JSON can say of the value of a field: arrays are bytes there."""
     if isinstance(value, bytes):
         return base64.b64encode(value).decode()
-    if hasattr(value, "__dlpack__") or isinstance(value, np.ndarray):
+    if name in _BYTES and not isinstance(value, str):
+        return base64.b64encode(_rows(value, name, place).tobytes()).decode()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(held, str(key), f"{place}.{key}".lstrip(".")) for key, held in value.items()}
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if hasattr(value, "tolist"):  # of NumPy or PyTorch
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        if name in _VECTORS and len(value) == 3 and not any(isinstance(part, Mapping) for part in value):
+            return {axis: _plain(part, axis, f"{place}.{axis}") for axis, part in zip("xyz", value)}
+        return [_plain(held, name, f"{place}[{i}]") for i, held in enumerate(value)]
+    if isinstance(value, float) and not math.isfinite(value):
+        raise InvalidInput(f"{place} is {value}; it must be finite")
+    return value
+
+
+def _rows(value: Any, name: str, place: str) -> npt.NDArray[Any]:
+    try:
         array = np.asarray(value)
-        if array.ndim == 0:
-            return array.item()
-        kind = "<u4" if array.dtype.kind in "iu" else "<f4"
-        if kind == "<u4" and array.size and (array.min() < 0 or array.max() >= 1 << 32):
-            raise InvalidInput("indices: they are whole numbers from 0 on")
-        return base64.b64encode(np.ascontiguousarray(array, dtype=kind).tobytes()).decode()
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(f"{place}: it is an array of numbers: {error}") from None
+    columns = _COLUMNS.get(name)
+    if columns and not (array.ndim == 2 and array.shape[1] == columns or array.ndim == 1 and array.size % columns == 0):
+        raise InvalidInput(f"{place}: an array of the shape {array.shape}; it is (n, {columns})")
+    if name in _WHOLE:
+        if array.size and (array.dtype.kind not in "iu" or array.min() < 0 or array.max() >= 1 << 32):
+            raise InvalidInput(f"{place}: they are whole numbers from 0 on")
+        return np.ascontiguousarray(array, dtype="<u4")
+    if array.dtype.kind not in "iufb":
+        raise InvalidInput(f"{place}: an array of {array.dtype}; it is one of numbers")
+    return np.ascontiguousarray(array, dtype="<f4")
+
+
+def _with_arrays(value: Any, name: str = "") -> Any:
+    if isinstance(value, dict):
+        return {key: _with_arrays(held, key) for key, held in value.items()}
+    if isinstance(value, list):
+        return [_with_arrays(held, name) for held in value]
+    if name in _BYTES and value:
+        array = np.frombuffer(base64.b64decode(value), dtype="<u4" if name in _WHOLE else "<f4")
+        return array.reshape(-1, _COLUMNS.get(name, 1))
     return value

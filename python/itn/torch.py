@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,9 +22,9 @@ from torch.autograd.function import once_differentiable
 
 from . import _core
 from .errors import InvalidInput
-from .rendering import MAX_SEED, as_scene, processors, whole
+from .rendering import MAX_SEED, in_threads, processors, whole
 from .rendering import render as _render
-from .scene import Scene
+from .scene import Scene, as_scene
 
 _MEDIUM = ("sigma_t", "albedo", "g")
 _COLOURS = ("R", "G", "B")
@@ -89,17 +89,18 @@ class _Job:
 
 def _each(count: int, at_a_time: int, work: Callable[[int, int, _core.Stop], _T]) -> list[_T]:
     """work(number, threads, stop) of each; several at the same time, with a thread each."""
-    stop = _core.Stop()
     if count == 1:
-        return [work(0, at_a_time, stop)]
-    with ThreadPoolExecutor(min(at_a_time, count)) as executor:
-        futures = [executor.submit(work, i, 1, stop) for i in range(count)]
-        try:
-            return [future.result() for future in futures]
-        finally:
-            stop.request()
-            for future in futures:
-                future.cancel()
+        return [work(0, at_a_time, _core.Stop())]
+    done: dict[int, _T] = {}
+    for number, answer in in_threads((partial(_with_one_thread, work, i) for i in range(count)), at_a_time):
+        if isinstance(answer, Exception):
+            raise answer
+        done[number] = answer
+    return [done[i] for i in range(count)]
+
+
+def _with_one_thread(work: Callable[[int, int, _core.Stop], _T], number: int, stop: _core.Stop) -> _T:
+    return work(number, 1, stop)
 
 
 class _Renders(torch.autograd.Function):
@@ -161,6 +162,10 @@ else:
 def _job(scene: Any, parameters: Mapping[str, Any], *, spp: int, spp_grad: int | None, seed: int,
          seed_grad: int | None, phase: str | None, colour: bool | None) -> tuple[_Job, list[torch.Tensor]]:
     scene = as_scene(scene)
+    materials = scene._core.materials()
+    if materials and not {"sigma_t", "albedo", "g"} & parameters.keys():
+        kinds = {name: kind if len(set(kind)) > 1 else kind[0] for name, kind in zip(_MEDIUM, zip(*materials))}
+        parameters = {**kinds, **parameters}
     tensors = []
     for name, value in parameters.items():
         of_medium = _core.is_of_medium(name)
@@ -188,9 +193,9 @@ def render(scene: Any, parameters: Mapping[str, Any], *, spp: int = 64, spp_grad
            threads: int | None = None) -> torch.Tensor:
     """Renders an image, (height, width) or in colour (height, width, 3), float32, on the CPU.
 
-    scene: what itn.load or itn.scene returns, or the path of a scene file.
+    scene: what itn.load or itn.scene returns, the path of a scene file, or a dictionary.
     parameters: tensors or numbers by name: sigma_t (1/mm) and albedo, g unless there is a phase (default 0), and
-        any of Scene.parameters. sigma_t and albedo may have three numbers, of red, green and blue; all others have
+        any of Scene.parameters. Without one of the medium, that of the scene's object. sigma_t and albedo may have three numbers, of red, green and blue; all others have
         one.
     spp, seed: of the image. Take another seed in each step of an optimisation.
     spp_grad, seed_grad: of the gradient. Default: as many samples as the image's, and others, so that the gradient

@@ -71,6 +71,21 @@ class Processes(unittest.TestCase):
                 self.assertEqual(child.wait(), 0)
 
 
+    def test_end_with_python(self):
+        """Threads that render are no reason to abort, or to wait."""
+        endless = "sigma_t=200, albedo=.999, spp=1 << 20"
+        begin = f"import itn, threading\nscene = itn.load({str(EXAMPLES / 'cube.textproto')!r})\nbegun = threading.Event()\n"
+        for code in (f"threading.Thread(target=lambda: itn.render(scene, {endless}, progress=lambda _: begun.set()), daemon=True).start()\n"
+                     "begun.wait()",
+                     "def small():\n  while True: itn.render(scene, sigma_t=9, albedo=.5, spp=1); begun.set()\n"
+                     "threading.Thread(target=small, daemon=True).start(); begun.wait()",
+                     f"many = itn.render_many([dict(scene=scene, sigma_t=9, albedo=.5, spp=1)] + 3 * [dict(scene=scene, {endless})])\n"
+                     "next(many)"):
+            with self.subTest(code):
+                done = subprocess.run([sys.executable, "-c", begin + code], stderr=subprocess.PIPE, text=True, timeout=60)
+                self.assertEqual(done.returncode, 0, done.stderr)
+
+
 class Module(unittest.TestCase):
     def test_links_no_grpc_torch_or_openmp(self):
         linked = subprocess.run(["ldd", _core.__file__], check=True, capture_output=True, text=True).stdout

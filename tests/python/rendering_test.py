@@ -50,7 +50,7 @@ class Renders(unittest.TestCase):
         self.assertGreater(itn.render(CUBE, **MEDIUM, values={"light[0].scale": 2}, spp=8).image.sum(),
                            1.9 * itn.render(CUBE, **MEDIUM, spp=8).image.sum())
         marble = itn.materials()["marble"]
-        done = itn.render(CUBE, medium="marble", object_size=10, spp=8, colour=True)
+        done = itn.render(CUBE.to_dict(), medium=marble, object_size=10, spp=8, colour=True, resolution=(24, 24))
         self.assertEqual([m[1] for m in done.materials], list(marble.albedo))
         np.testing.assert_allclose([m[0] for m in done.materials], 10 * np.array(marble.sigma_t))
 
@@ -94,8 +94,11 @@ class Renders(unittest.TestCase):
         self.assertEqual(sorted(done), list(range(9)))
         for i in (0, 8):
             np.testing.assert_array_equal(done[i].image, itn.render(**requests[i]).image)
-        with self.assertRaisesRegex(itn.InvalidInput, "albedo"):
+        with self.assertRaisesRegex(itn.InvalidInput, "request 9: material.albedo"):
             list(itn.render_many([*requests, {"scene": CUBE, "sigma_t": 1, "albedo": 2}]))
+        for wrong in ([{"sigma_t": 1}], [1], {"scene": CUBE}):
+            with self.assertRaisesRegex(itn.InvalidInput, "request"):
+                list(itn.render_many(wrong))
         endless = ({"scene": CUBE, **MEDIUM, "spp": 4, "seed": i} for i in range(1 << 40))
         for number, _ in itn.render_many(endless):
             if number >= 5:
@@ -134,12 +137,21 @@ class Renders(unittest.TestCase):
             "seed -1": {"seed": -1}, "estimates 17": {"estimates": 17}, "tracer": {"tracer": "fast"},
             "nonsense is not a parameter": {"derivatives": ["nonsense"]}, "light\\[7\\]": {"values": {"light[7].scale": 1}},
             "noise 0": {"noise": 0}, "pilot": {"noise": .1, "pilot_spp": 2}, "threads 0": {"threads": 0},
-            "phase": {"phase": "one_term {}", "g": None}, "width 'big'": {"resolution": "big"},
+            "phase": {"phase": "one_term {}", "g": None}, "resolution 'big'": {"resolution": "big"}, "colour=False": {"albedo": [.9, .8, .7], "colour": False},
+            "sigma_t is of the medium": {"values": {"sigma_t": 8}}, "pixels None": {"pixels": None}, "stop 1": {"stop": 1},
+            "values .* dictionary": {"values": [1]}, "sigma_t '5'": {"sigma_t": "5"}, "phase 5": {"phase": 5, "g": None},
+            "width True": {"resolution": True}, "65535": {"resolution": 70000},
         }.items():
             with self.subTest(message), self.assertRaisesRegex(ValueError, message):
                 itn.render(CUBE, **{**MEDIUM, **wrong})
-        with self.assertRaisesRegex(itn.InvalidInput, "no measured medium"):
-            itn.render(CUBE, medium="milk")
+        for wrong in ("milk", ""):
+            with self.assertRaisesRegex(itn.InvalidInput, "measured medium"):
+                itn.render(CUBE, medium=wrong)
+        with self.assertRaisesRegex(itn.InvalidInput, "ends in .exr"):
+            itn.render(CUBE, **MEDIUM, spp=1).write("cube.jpg")
+        for name in ("cube.exr", "cube.png"):
+            with self.assertRaisesRegex(itn.FileError, f"/nowhere/{name}(?!.*part)"):
+                itn.render(CUBE, **MEDIUM, spp=1).write(f"/nowhere/{name}")
         with self.assertRaisesRegex(itn.InvalidInput, "what itn.load"):
             itn.render(5, **MEDIUM)
         with self.assertRaisesRegex(itn.LimitExceeded, "pixels"):

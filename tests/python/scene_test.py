@@ -52,9 +52,41 @@ class Scenes(unittest.TestCase):
         mask = itn.render(scene, sigma_t=5, albedo=.9, spp=4, resolution=16).mask
         expected = itn.render(self.scene, sigma_t=5, albedo=.9, spp=4, resolution=16).mask
         np.testing.assert_array_equal(mask, expected)
-        held["object"]["mesh"]["triangles"]["indices"] = triangles - 1
-        with self.assertRaisesRegex(itn.InvalidInput, "whole numbers from 0"):
+        again = scene.to_dict()["object"]["mesh"]["triangles"]
+        np.testing.assert_array_equal(again["positions"], corners.astype(np.float32))
+        np.testing.assert_array_equal(again["indices"], triangles)
+        held["object"]["mesh"]["triangles"] = {"positions": (2 * corners).astype(int), "indices": triangles.tolist()}
+        self.assertEqual(itn.render(itn.scene(held), sigma_t=5, albedo=.9, spp=4, resolution=16).mask.shape, (16, 16))
+        for message, wrong in {"indices: .* whole numbers from 0": {"indices": triangles - 1},
+                               "indices: .* whole": {"indices": triangles + .5},
+                               "indices: .* \\(8, 4\\)": {"indices": np.zeros((8, 4), int)},
+                               "positions: .* \\(8, 2\\)": {"positions": corners[:, :2]},
+                               "positions: .* numbers": {"positions": [["a", "b", "c"]]}}.items():
+            spoiled = {"object": {"mesh": {"triangles": {"positions": corners, "indices": triangles, **wrong}}}}
+            with self.subTest(message), self.assertRaisesRegex(itn.InvalidInput, message):
+                itn.scene(spoiled)
+
+    def test_take_vectors_of_three_numbers_and_paths(self):
+        held = self.scene.to_dict()
+        held["camera"]["origin"] = [0, 9.28, -32.8]
+        held["camera"]["target"] = np.array([0, .5, 0])
+        self.assertEqual(itn.scene(held), self.scene)
+        held["object"]["mesh"] = {"path": pathlib.Path("nowhere.ply")}
+        with self.assertRaisesRegex(itn.FileError, "nowhere.ply"):
             itn.scene(held)
+        held["camera"]["target"] = [0, float("nan"), 0]
+        with self.assertRaisesRegex(itn.InvalidInput, "camera.target.y is nan"):
+            itn.scene(held)
+
+    def test_take_panoramas_of_any_numbers(self):
+        def image(pixels):
+            lights = [{"environment_map": {"pixels": {"width": 2, "height": 1, "rgb": pixels}}}]
+            return itn.render({**self.scene.to_dict(), "lights": lights}, sigma_t=5, albedo=.9, spp=4, resolution=8).image
+
+        expected = image(np.ones((2, 3), np.float32))
+        self.assertGreater(expected.mean(), 0)
+        for pixels in (np.ones((2, 3), np.uint8), np.ones((2, 3), np.float64), [[1, 1, 1], [1, 1, 1]]):
+            np.testing.assert_array_equal(image(pixels), expected)
 
     def test_have_another_size(self):
         scene = self.scene.resized(20, 10)
@@ -73,6 +105,13 @@ class Scenes(unittest.TestCase):
             itn.scene({"colour": 1})
         with self.assertRaisesRegex(itn.InvalidInput, "lihgts"):
             itn.scene("lihgts { }")
+        for wrong in ("cube.textproto", EXAMPLES / "cube.textproto"):
+            with self.assertRaisesRegex(itn.InvalidInput, "itn.load"):
+                itn.scene(wrong)
+        with self.assertRaisesRegex(itn.InvalidInput, "itn.scene"):
+            itn.load({})
+        with self.assertRaisesRegex(itn.FileError, "cannot write /nowhere/a"):
+            self.scene.save("/nowhere/a")
         with self.assertRaisesRegex(ValueError, "scene.lights"):
             itn.scene({"object": {"mesh": {"builtin": "cube"}}, "film": {"width": 8, "height": 8}}).check()
         with self.assertRaisesRegex(itn.InvalidInput, "Mitsuba"):
