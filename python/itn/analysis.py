@@ -4,8 +4,10 @@ from __future__ import annotations
 import json
 import os
 import pathlib
+import shutil
 import tempfile
-from collections.abc import Sequence
+import weakref
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,12 +15,13 @@ import numpy.typing as npt
 
 from . import _core, programs
 from .errors import InvalidInput
-from .scene import Scene
+from .rendering import Render
+from .scene import Scene, as_scene
 
 _FORMATS = {".mtlx": "openpbr", ".xml": "mitsuba", ".pbrt": "pbrt", ".py": "blender", ".ass": "arnold"}
 
-#: A file, or an array: (height, width), or (height, width, 3) of red, green and blue; linear radiance.
-Picture = str | os.PathLike[str] | npt.NDArray[Any]
+#: A file; a Render; or an array of linear radiance: (height, width), or (height, width, 3) of red, green and blue.
+Picture = str | os.PathLike[str] | Render | npt.NDArray[Any]
 
 
 class Answer:
@@ -34,6 +37,9 @@ class Answer:
         self._found, self._channels, self._low, self._high = found, channels, low, high
 
     def _values(self, name: str, part: str) -> npt.NDArray[np.float64]:
+        known = [key for key, held in self._channels[0].items() if isinstance(held, dict) and part in held]
+        if name not in known:
+            raise InvalidInput(f"{name}: there are {', '.join(known)}")
         return np.array([channel[name][part] for channel in self._channels])
 
     def value(self, name: str) -> npt.NDArray[np.float64]:
@@ -69,37 +75,38 @@ class Answer:
         """All that was found, as the program says it with --json."""
         return self._found
 
-    def _format(self, path: str | os.PathLike[str], format: str | None) -> str:
-        if format is not None:
-            return format
-        try:
-            return _FORMATS[pathlib.Path(path).suffix.lower()]
-        except KeyError:
-            raise InvalidInput(f"{os.fspath(path)}: its name ends in {', '.join(_FORMATS)}, or format says what it "
-                               "is") from None
-
     def __repr__(self) -> str:
-        names = ("sigma_t", "albedo", "g")
         lines = [f"<itn.{type(self).__name__}, {self.percent} % intervals"]
-        for name in names:
+        for name in ("sigma_t", "albedo", "g"):
             told = ", ".join(f"{value:.3g} ({low:.3g} to {high:.3g})"
                              for value, (low, high) in zip(self.value(name), self.interval(name)))
             lines.append(f"  {name}: {told}")
         return "\n".join(lines + [f"  {remark}" for remark in self.remarks]) + ">"
 
 
-class Prediction(Answer):
-    """What a network says of a photograph."""
+def _format_of(path: str | os.PathLike[str], format: str | None) -> str:
+    if format is not None:
+        return format
+    try:
+        return _FORMATS[pathlib.Path(path).suffix.lower()]
+    except KeyError:
+        raise InvalidInput(f"{os.fspath(path)}: its name ends in {', '.join(_FORMATS)}, or format says what it "
+                           "is") from None
 
-    def __init__(self, found: dict[str, Any], positional: list[str], flags: dict[str, Any], held: Any):
+
+class Prediction(Answer):
+    """What a network says of a photograph, or of several of one material."""
+
+    def __init__(self, found: dict[str, Any], positional: list[str], flags: dict[str, Any], files: Files):
         channels = [{name: {**numbers, "value": channel.get(name, numbers["mean"])}
                      for name, numbers in channel["posterior"].items() if isinstance(numbers, dict)}
                     for channel in found["channels"]]
         super().__init__(found, channels, "low", "high")
-        self._positional, self._flags, self._held = positional, flags, held
+        self._positional, self._flags, self._files = positional, flags, files
 
     @property
     def remarks(self) -> list[str]:
+        """What limits the answer, in words."""
         return list(dict.fromkeys(warning["text"] for channel in self._found["channels"]
                                   for warning in channel.get("caveats", {}).get("warnings", [])))
 
@@ -107,7 +114,8 @@ class Prediction(Answer):
         """Writes the material for a renderer, by the ending of the file's name: .mtlx (OpenPBR in MaterialX), .xml
         (Mitsuba), .pbrt, .py (Blender), .ass (Arnold). Predicts once more, and needs the photograph."""
         programs.run("predict", self._positional,
-                     {**self._flags, "format": self._format(path, format), "output": os.path.abspath(path)})
+                     {**self._flags, "format": _format_of(path, format), "output": os.path.abspath(path)},
+                     names=self._files.names, warns=False)
 
 
 class Refinement(Answer):
@@ -115,14 +123,15 @@ class Refinement(Answer):
 
     percent = 95
 
-    def __init__(self, found: dict[str, Any], results: list[dict[str, Any]], folder: str, held: Any):
+    def __init__(self, found: dict[str, Any], results: list[dict[str, Any]], folder: str, files: Files):
         super().__init__(found, results, "low_95", "high_95")
         #: Where the files are that the program left: scene, pictures, result.
         self.folder = folder
-        self._held = held
+        self._files = files
 
     @property
     def remarks(self) -> list[str]:
+        """What limits the answer, in words."""
         return list(dict.fromkeys(remark for result in self._channels for remark in result.get("remarks", [])))
 
     @property
@@ -133,99 +142,138 @@ class Refinement(Answer):
     def write(self, path: str | os.PathLike[str], format: str | None = None) -> None:
         """Writes the material for a renderer, by the ending of the file's name: .mtlx (OpenPBR in MaterialX), .xml
         (Mitsuba), .pbrt, .py (Blender), .ass (Arnold)."""
-        several = len(self._channels) == 3
-        folders = [os.path.join(self.folder, name) for name in "RGB"] if several else [self.folder]
-        programs.run("materials", [], {"refined": folders, "format": self._format(path, format),
-                                       "output": os.path.abspath(path)})
+        surface: dict[str, Any] = {name: self._channels[0][name] for name in ("index", "roughness") if name in self._channels[0]}
+        programs.run("materials", [], {
+            **{name: [float(result["material"].get(name, 0)) for result in self._channels]
+               for name in ("sigma_t", "albedo", "g")},
+            **surface, "format": _format_of(path, format), "output": os.path.abspath(path)})
 
 
-class _Files:
-    """Files for the programs: those that were given, and those that arrays become."""
+class Files:
+    """Files for the programs: those that were given, and those that arrays become. Copies share them."""
 
     def __init__(self) -> None:
-        self.folder = tempfile.TemporaryDirectory(prefix="itn-")
+        self.folder = tempfile.mkdtemp(prefix="itn-")
+        weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
+        #: What messages call files that the user did not name.
+        self.names: dict[str, str] = {}
         self._count = 0
 
-    def new(self, ending: str) -> str:
-        self._count += 1
-        return os.path.join(self.folder.name, f"{self._count}{ending}")
+    def __copy__(self) -> Files:
+        return self
 
-    def picture(self, picture: Picture) -> str:
-        if isinstance(picture, (str, os.PathLike)):
-            return os.path.abspath(picture)
-        array = np.asarray(picture)
-        if array.ndim not in (2, 3) or array.ndim == 3 and array.shape[2] not in (1, 3) or array.size == 0:
-            raise InvalidInput(f"an image of the shape {array.shape}: it is (height, width), or (height, width, 3)")
-        if array.dtype.kind not in "fb":
-            raise InvalidInput(f"an image of {array.dtype}: arrays are linear radiance, of floats; give files of "
-                               "photographs by their path")
-        planes = [array] if array.ndim == 2 else [array[..., c] for c in range(array.shape[2])]
-        path = self.new(".exr")
-        _core.write_exr(path, [(name, np.ascontiguousarray(plane, dtype=np.float32))
-                               for name, plane in zip("Y" if len(planes) == 1 else "RGB", planes)])
+    def __deepcopy__(self, _: Any) -> Files:
+        return self
+
+    def new(self, ending: str, name: str) -> str:
+        self._count += 1
+        path = os.path.join(self.folder, f"{self._count}{ending}")
+        self.names[path] = name
         return path
 
-    def scene(self, scene: Scene | str | os.PathLike[str]) -> str:
-        if isinstance(scene, Scene):
-            path = self.new(".textproto")
-            scene.save(path)
+    def picture(self, picture: Any, name: str, is_mask: bool = False) -> str:
+        if isinstance(picture, (str, os.PathLike)):
+            return os.path.abspath(picture)
+        if isinstance(picture, Render):
+            path = self.new(".exr", name)
+            picture.write(path)
             return path
-        return os.path.abspath(scene)
+        try:
+            array = np.asarray(picture)
+        except (TypeError, ValueError, RuntimeError) as error:
+            raise InvalidInput(f"{name}: it is a file, a Render or an array: {error}") from None
+        if array.ndim not in (2, 3) or array.ndim == 3 and array.shape[2] not in (1, 3) or array.size == 0:
+            raise InvalidInput(f"{name}: it is a file, a Render, or an array of the shape (height, width) or (height, "
+                               f"width, 3)" + (f", not {array.shape}" if array.ndim else ""))
+        if is_mask and array.dtype.kind in "ui":
+            array = array / np.float32(max(1, array.max()))
+        elif array.dtype.kind not in "fb":
+            raise InvalidInput(f"{name}: an array of {array.dtype}; arrays are linear radiance, of floats. Give files of "
+                               "photographs by their path")
+        planes = [array] if array.ndim == 2 else [array[..., c] for c in range(array.shape[2])]
+        if not all(np.isfinite(plane).all() for plane in planes):
+            raise InvalidInput(f"{name}: it has numbers that are not finite")
+        path = self.new(".exr", name)
+        _core.write_exr(path, [(channel, np.ascontiguousarray(plane, dtype=np.float32))
+                               for channel, plane in zip("Y" if len(planes) == 1 else "RGB", planes)])
+        return path
+
+    def scene(self, scene: Any, in_colour: bool) -> str:
+        """A scene's file, whose film is in colour if the images are."""
+        if isinstance(scene, (str, os.PathLike)) and not in_colour:
+            return os.path.abspath(scene)
+        held = as_scene(scene)
+        path = self.new(".textproto", "the scene")
+        (held.coloured() if in_colour else held).save(path)
+        return path
 
     def flags(self, flags: dict[str, Any]) -> dict[str, Any]:
-        """With pictures and scenes among them as files."""
+        """With pictures among them as files."""
         made = dict(flags)
-        for name in ("mask", "shape", "light"):
+        if made.get("mask") is not None:
+            made["mask"] = self.picture(made["mask"], "mask", is_mask=True)
+        for name in ("shape", "light"):
             value = made.get(name)
-            if isinstance(value, np.ndarray):
-                made[name] = self.picture(value)
-            elif value is not None and os.path.exists(value):
+            if isinstance(value, (str, os.PathLike)) and os.path.exists(value):
                 made[name] = os.path.abspath(value)
-        if made.get("scene") is not None:
-            scenes = made["scene"] if isinstance(made["scene"], (list, tuple)) else [made["scene"]]
-            made["scene"] = [self.scene(scene) for scene in scenes]
+            elif name == "light" and value is not None and not isinstance(value, str):
+                made[name] = self.picture(value, name)
         return made
 
 
-def _several(pictures: Picture | Sequence[Picture]) -> list[Picture]:
-    if isinstance(pictures, (str, os.PathLike, np.ndarray)):
-        return [pictures]
-    return list(pictures)
+def _several(pictures: Any) -> list[Any]:
+    return list(pictures) if isinstance(pictures, (list, tuple)) and pictures and not np.isscalar(pictures[0]) and (
+        isinstance(pictures[0], (str, os.PathLike, Render)) or hasattr(pictures[0], "shape")) else [pictures]
 
 
-def predict(photograph: Picture, *, mask: Picture | None = None, object_size: float | None = None,
+def _named(pictures: list[Any], files: Files) -> list[str]:
+    return [files.picture(picture, "image" if len(pictures) == 1 else f"image {i}") for i, picture in enumerate(pictures)]
+
+
+def predict(photograph: Picture | Sequence[Picture], *, mask: Picture | None = None, object_size: float | None = None,
             **flags: Any) -> Prediction:
-    """Reads a material off a photograph, by a network.
+    """Reads a material off a photograph, or off several of one material, by a network.
 
-    photograph: a file that `itn predict` reads, or an array of linear radiance.
-    mask: an image that is bright on the object. Without one, background="auto" finds the object before a plain
-        background.
+    photograph: a file that `itn predict` reads, a Render, or an array of linear radiance; or a list of them, which show
+        one material.
+    mask: an image that is bright on the object. Default: a Render's own; background="auto" finds the object before a
+        plain background.
     object_size: the longest side of the object, in mm; default: unknown, and sigma_t is for an object of 1 mm.
-    flags: of `itn predict` (docs/reference/itn-predict.md), with underscores: matt=True, model="card",
+    flags: of `itn predict` (docs/reference/commands.md), with underscores: matt=True, model="card",
         gray_card=(10, 20, 40, 40), encoding="linear".
 
     Runs the program itn. Raises InvalidInput, FileError.
     """
-    files = _Files()
-    positional = [files.picture(photograph)]
+    files = Files()
+    pictures = _several(photograph)
+    positional = _named(pictures, files)
     given = files.flags({"mask": mask, "object_size": object_size, **flags})
-    found = json.loads(programs.run("predict", positional, {**given, "json": True}).splitlines()[-1])
-    return Prediction(found, positional, given, files)
+    if len(pictures) > 1:
+        given["one_material"] = True
+    said = programs.run("predict", positional, {**given, "json": True}, names=files.names)
+    return Prediction(json.loads(said.splitlines()[-1]), positional, given, files)
 
 
-def refine(images: Picture | Sequence[Picture], scene: Scene | str | os.PathLike[str] | Sequence[Any], *,
-           output: str | os.PathLike[str] | None = None, **flags: Any) -> Refinement:
+def refine(images: Picture | Sequence[Picture], scene: Scene | Mapping[str, Any] | str | os.PathLike[str] | Sequence[Any],
+           *, output: str | os.PathLike[str] | None = None, **flags: Any) -> Refinement:
     """Finds the material for which renders of a known scene are like the images.
 
-    images: files or arrays of linear radiance, one or several.
-    scene: of all images, or a sequence of one for each.
+    images: files, Renders or arrays of linear radiance, one or several. A Render brings its mask and its noise.
+    scene: of all images, or a list of one for each. Of images in colour, their films are, too.
     output: a folder from which the same call goes on, if it is stopped; default: one that goes with the answer.
-    flags: of `itn refine` (docs/reference/itn-refine.md), with underscores: init="mean", unknown_exposure=True,
-        workers="host:50051".
+    flags: of `itn refine` (docs/reference/commands.md), with underscores: init="mean", mask=..., time_limit=60,
+        unknown_exposure=True, workers="host:50051".
 
     Runs the program itn. Raises InvalidInput, FileError, Unavailable.
     """
-    return _refinement("refine", images, output, {"scene": scene, "init": "mean", **flags})
+    files = Files()
+    pictures = _several(images)
+    scenes = list(scene) if isinstance(scene, (list, tuple)) else [scene]
+    if len(scenes) not in (1, len(pictures)):
+        raise InvalidInput(f"scene: there are {len(scenes)}, and {len(pictures)} images; give one for all, or one for each")
+    in_colour = [getattr(p.image if isinstance(p, Render) else p, "ndim", 2) == 3 for p in pictures]
+    flags = {"init": "mean", **flags, "scene": [files.scene(one, any(in_colour)) for one in scenes]}
+    return _refinement("refine", _named(pictures, files), output, flags, files)
 
 
 def fit(photographs: Picture | Sequence[Picture], *, shape: str | os.PathLike[str] | None = None,
@@ -238,19 +286,22 @@ def fit(photographs: Picture | Sequence[Picture], *, shape: str | os.PathLike[st
     object_size: its longest side, in mm.
     light: "flash", "sun", or the file of a panorama.
     output: a folder for what is found; default: one that goes with the answer.
-    flags: of `itn fit` (docs/reference/itn-fit.md), with underscores: mask=..., background="auto",
-        gray_card=(80, 140, 80, 80), time_limit=120.
+    flags: of `itn fit` (docs/reference/commands.md), with underscores: mask=..., background="auto",
+        gray_card=(80, 140, 80, 80), time_limit=120. The time is that of the refinement; search and report take more.
 
     Runs the program itn. Raises InvalidInput, FileError, Unavailable.
     """
-    return _refinement("fit", photographs, output,
-                       {"shape": shape, "object_size": object_size, "light": light, **flags})
+    files = Files()
+    given = {"shape": shape, "object_size": object_size, "light": light, **flags}
+    if given.get("scene") is not None:
+        scenes = given["scene"] if isinstance(given["scene"], (list, tuple)) else [given["scene"]]
+        given["scene"] = [files.scene(one, False) for one in scenes]
+    return _refinement("fit", _named(_several(photographs), files), output, given, files)
 
 
-def _refinement(command: str, pictures: Picture | Sequence[Picture], output: str | os.PathLike[str] | None,
-                flags: dict[str, Any]) -> Refinement:
-    files = _Files()
-    folder = os.path.abspath(output) if output is not None else files.new("")
-    positional = [files.picture(picture) for picture in _several(pictures)]
-    found = json.loads(programs.run(command, positional, {**files.flags(flags), "output": folder, "json": True}))
+def _refinement(command: str, positional: list[str], output: str | os.PathLike[str] | None, flags: dict[str, Any],
+                files: Files) -> Refinement:
+    folder = os.path.abspath(output) if output is not None else files.new("", "the folder of the answer")
+    found = json.loads(programs.run(command, positional, {**files.flags(flags), "output": folder, "json": True},
+                                    names=files.names))
     return Refinement(found, found["results"] if "results" in found else [found], folder, files)

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import IO, Any
 
 from .errors import Cancelled, Error, FileError, InvalidInput, LimitExceeded, Unavailable, warn
@@ -65,8 +65,12 @@ def arguments(flags: dict[str, Any]) -> list[str]:
     return given
 
 
-def run(command: str, positional: Sequence[str], flags: dict[str, Any]) -> str:
-    """Runs a command of itn and returns what it prints. What it warns of are warnings here. Ctrl-C ends it."""
+def run(command: str, positional: Sequence[str], flags: dict[str, Any], *, names: Mapping[str, str] | None = None,
+        warns: bool = True) -> str:
+    """Runs a command of itn and returns what it prints. What it warns of are warnings here. Ctrl-C ends it. `names`:
+    what messages call files that the user did not name."""
+    if "help" in flags:
+        raise InvalidInput("help: docs/reference/commands.md says what flags there are")
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as messages:
         child = subprocess.Popen([find("itn"), command, *arguments({"quiet": True, **flags}), "--", *positional],
                                  stdin=subprocess.DEVNULL, stdout=output, stderr=messages, start_new_session=True)
@@ -75,15 +79,18 @@ def run(command: str, positional: Sequence[str], flags: dict[str, Any]) -> str:
         except BaseException:
             _end(child)
             raise
-        said = [line for line in _text(messages).splitlines() if line.strip()]
+        text = _text(messages)
+        for path, name in (names or {}).items():
+            text = text.replace(path, name)
+        said = [line for line in text.splitlines() if line.strip()]
         if missing := [line for line in said if "error while loading shared libraries" in line]:
             raise FileError(f"{missing[0]}. Networks and photographs need libraries of Debian 12: apt-get install "
                             "--no-install-recommends " + " ".join(_LIBRARIES))
         if child.returncode != 0:
-            mistakes = [line.removeprefix("itn: ") for line in said if not _LOGGED.match(line) and "--help" not in line]
+            mistakes = [_LOGGED.sub("", line).removeprefix("itn: ") for line in said if "--help" not in line]
             message = "\n".join(mistakes) or f"itn {command} ended with exit code {child.returncode}"
             raise _OF_EXIT_CODE.get(child.returncode, Error)(message)
-        for line in said:
+        for line in said if warns else ():
             warn(_LOGGED.sub("", line).removeprefix("itn: "))
         return _text(output)
 

@@ -1,7 +1,12 @@
 """Materials from images in Python, through the programs."""
+import copy
+import gc
+import os
 import pathlib
+import pickle
 import tempfile
 import unittest
+import unittest.mock
 import warnings
 
 import itn
@@ -29,23 +34,48 @@ class Analyses(unittest.TestCase):
             with self.assertRaisesRegex(itn.InvalidInput, ".mtlx"):
                 answer.write(f"{folder}/mug.txt")
 
-    def test_read_an_array(self):
+    def test_read_arrays_and_renders(self):
         done = itn.render(EXAMPLES / "cube.textproto", sigma_t=10, albedo=[.9, .8, .6], spp=64, resolution=64)
-        answer = itn.predict(done.image, mask=done.mask)
-        self.assertEqual(answer.sigma_t.shape, (3,))
+        answers = [itn.predict(done.image, mask=mask)
+                   for mask in (done.mask, done.mask > .5, (255 * (done.mask > .5)).astype(np.uint8))]
+        answers.append(itn.predict(done.image.astype(np.float64), mask=(done.mask > .5).tolist()))
+        for answer in answers:
+            np.testing.assert_allclose(answer.albedo, answers[1].albedo, rtol=.02)
+        self.assertEqual(itn.predict(done, frame="object").sigma_t.shape, (3,))
+        both = itn.predict([EXAMPLES / "knot_1.jpg", EXAMPLES / "knot_2.jpg"], mask=EXAMPLES / "knot_masks")
+        self.assertEqual(both.albedo.shape, (3,))
+        with self.assertRaisesRegex(itn.InvalidInput, "image: it is a file"):
+            itn.predict(None)
+        with self.assertRaisesRegex(itn.InvalidInput, "image: it has numbers that are not finite"):
+            itn.predict(np.full((8, 8), np.nan))
         with self.assertRaisesRegex(itn.InvalidInput, "linear radiance"):
             itn.predict(np.zeros((8, 8, 3), np.uint8))
 
     def test_find_the_material_of_a_render(self):
         scene = itn.load(EXAMPLES / "cube.textproto").resized(48)
         done = itn.render(scene, sigma_t=20, albedo=.8, g=.3, spp=256)
-        answer = itn.refine(done.image, scene, time_limit=15)
+        answer = copy.deepcopy(itn.refine(done, scene.to_dict(), time_limit=10))
         self.assertFalse(answer.misfit)
         self.assertLess(abs(answer.albedo[0] - .8), .05)
         self.assertEqual(answer.percent, 95)
         with tempfile.TemporaryDirectory() as folder:
-            answer.write(f"{folder}/cube.xml")
+            pickle.loads(pickle.dumps(answer)).write(f"{folder}/cube.xml")
             self.assertIn("homogeneous", (pathlib.Path(folder) / "cube.xml").read_text())
+
+    def test_find_materials_of_images_in_colour(self):
+        scene = itn.load(EXAMPLES / "cube.textproto").resized(32)
+        done = itn.render(scene, sigma_t=20, albedo=[.9, .8, .6], g=.3, spp=256)
+        answer = itn.refine(done, scene, time_limit=10)
+        self.assertEqual(answer.albedo.shape, (3,))
+        np.testing.assert_allclose(answer.albedo, [.9, .8, .6], atol=.08)
+
+    def test_leave_no_files_behind(self):
+        with tempfile.TemporaryDirectory() as folder, unittest.mock.patch.object(tempfile, "tempdir", folder):
+            answer = itn.predict(np.ones((32, 32), np.float32), mask=np.pad(np.ones((16, 16)), 8))
+            self.assertEqual(len(os.listdir(folder)), 1)
+            del answer
+            gc.collect()
+            self.assertEqual(os.listdir(folder), [])
 
     def test_say_what_is_wrong(self):
         with self.assertRaisesRegex(itn.FileError, "nowhere.jpg"):
@@ -54,8 +84,15 @@ class Analyses(unittest.TestCase):
             itn.predict(EXAMPLES / "mug.jpg", objectsize=3)
         with self.assertRaisesRegex(itn.InvalidInput, "object-size is required"):
             itn.fit(EXAMPLES / "mug.jpg", shape="cube")
-        with self.assertRaisesRegex(itn.InvalidInput, "shape"):
-            itn.refine(np.zeros((4, 4, 7), np.float32), EXAMPLES / "cube.textproto")
+        cube = EXAMPLES / "cube.textproto"
+        with self.assertRaisesRegex(itn.InvalidInput, "(4, 4, 7)"):
+            itn.refine(np.zeros((4, 4, 7), np.float32), cube)
+        with self.assertRaisesRegex(itn.InvalidInput, "there are 3, and 2 images"):
+            itn.refine([np.ones((4, 4)), np.ones((4, 4))], 3 * [cube])
+        with self.assertRaisesRegex(itn.InvalidInput, "^(?!.*/tmp/itn).*image"):
+            itn.refine(np.ones((4, 4)), cube)
+        with self.assertRaisesRegex(itn.InvalidInput, "sigma_t, albedo"):
+            itn.predict(EXAMPLES / "mug.jpg", mask=EXAMPLES / "mug_mask.png").value("roughness")
 
 
 class Flags(unittest.TestCase):
