@@ -9,6 +9,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 #include <pthread.h>
+#include <spdlog/sinks/base_sink.h>
 #include <spdlog/spdlog.h>
 
 #include <atomic>
@@ -19,6 +20,7 @@
 #include <functional>
 #include <future>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <set>
 #include <span>
@@ -81,6 +83,26 @@ void translate(const std::exception_ptr& thrown, void* /*payload*/) {
     PyErr_SetString(type.ptr(), error.what());
   }
 }
+
+// What is warned of in C++, until Python takes it.
+class Messages final : public spdlog::sinks::base_sink<std::mutex> {
+ public:
+  static std::vector<std::string> take() {
+    const std::lock_guard lock(mutex_of_all);
+    return std::exchange(all, {});
+  }
+
+ private:
+  void sink_it_(const spdlog::details::log_msg& message) override {
+    constexpr size_t kMost = 100;
+    const std::lock_guard lock(mutex_of_all);
+    if (all.size() < kMost) all.emplace_back(message.payload.data(), message.payload.size());
+  }
+  void flush_() override {}
+
+  static inline std::mutex mutex_of_all;
+  static inline std::vector<std::string> all;
+};
 
 // ---- This process ----------------------------------------------------------------------------
 
@@ -488,14 +510,20 @@ NB_MODULE(_core, module) {
   nb::register_exception_translator(translate);
   pthread_atfork(nullptr, nullptr, after_fork);
   nb::set_leak_warnings(false);  // what PyTorch holds to the end is no leak of ours
-  spdlog::set_level(spdlog::level::warn);
+  const auto logger = std::make_shared<spdlog::logger>("itn", std::make_shared<Messages>());
+  logger->set_level(spdlog::level::warn);
+  spdlog::set_default_logger(logger);
   module.attr("VERSION") = ITN_VERSION;
   module.def("end_renders", end_renders);
   module.def("scene_fields", scene_fields);
+  module.def("take_messages", Messages::take);
+  module.attr("MAX_ESTIMATES") = kMaxEstimates;
+  module.attr("MAX_PILOT_SPP") = kMaxPilotSpp;
 
-  nb::class_<Stop>(module, "Stop").def(nb::init<>()).def("request", [](Stop& stop) {
-    stop.requested = true;
-  });
+  nb::class_<Stop>(module, "Stop")
+      .def(nb::init<>())
+      .def("request", [](Stop& stop) { stop.requested = true; })
+      .def_prop_ro("requested", [](const Stop& stop) { return stop.requested.load(); });
 
   nb::class_<PyScene>(module, "Scene")
       .def_static("load", [](const std::string& path) { return PyScene{load_scene(path)}; })
@@ -507,12 +535,13 @@ NB_MODULE(_core, module) {
       .def("numbers", numbers_of)
       .def("width", [](const PyScene& scene) { return scene.message.film().width(); })
       .def("height", [](const PyScene& scene) { return scene.message.film().height(); })
-      .def("coloured",
-           [](const PyScene& scene) {
-             PyScene other = scene;
-             other.message.mutable_film()->set_channel(v1::Film::RGB);
-             return other;
-           })
+      .def(
+          "coloured",
+          [](const PyScene& scene, bool colour) {
+            PyScene other = scene;
+            other.message.mutable_film()->set_channel(colour ? v1::Film::RGB : v1::Film::LUMINANCE);
+            return other;
+          })
       .def("is_in_colour",
            [](const PyScene& scene) { return scene.message.film().channel() == v1::Film::RGB; })
       .def("resized",

@@ -98,8 +98,9 @@ uint32_t next_round(const RenderGoal& goal, const RenderedSoFar& so_far) {
     round = std::min(round, time / so_far.seconds_per_sample);
     if (round < 1) return 0;
   }
-  if (round >= left) return static_cast<uint32_t>(left);
-  return static_cast<uint32_t>(std::floor(round / estimates) * estimates);
+  // No round has fewer samples than estimates.
+  const double whole = std::floor(round / estimates) * estimates;
+  return static_cast<uint32_t>(left - whole < estimates ? left : whole);
 }
 
 double noise_on_object(const std::vector<float>& radiance, const std::vector<float>& standard_error,

@@ -91,8 +91,8 @@ struct ParameterPosterior {
 // sigma_s_reduced, diffuse albedo and diffusion length.
 inline constexpr size_t kPosteriorNumbers = 8;
 
-// The probability that the Gaussian gives to what is called the 90 % interval of each number. Where
-// Gaussians are not quite right, it is another than 0.9 that holds nine of ten truths.
+// The probability that a distribution gives to what is called the 90 % interval of each number.
+// Where distributions are not quite right, it is another than 0.9 that holds nine of ten truths.
 using IntervalLevels = std::array<double, kPosteriorNumbers>;
 constexpr IntervalLevels nominal_levels() {
   IntervalLevels levels{};

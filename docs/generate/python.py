@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """Writes docs/reference/python.md from the docstrings of the package itn, which PYTHONPATH finds.
 
-    python.py            writes it
-    python.py --check    exit code 1 if what is written is another
+python.py            writes it
+python.py --check    exit code 1 if what is written is another
 """
+
 import inspect
 import pathlib
 import re
@@ -40,10 +41,22 @@ def text_of(docstring):
                     joined[-1] += " " + line.strip()
                 else:
                     joined.append(line)
-            paragraphs.append("\n".join(
-                textwrap.fill(re.sub(r"^([a-z_, ]+): ", lambda m: "- " + ", ".join(f"`{n}`" for n in m[1].split(", ")) + ": ",
-                                     line), 120, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
-                for line in joined))
+            paragraphs.append(
+                "\n".join(
+                    textwrap.fill(
+                        re.sub(
+                            r"^([a-z_, ]+): ",
+                            lambda m: "- " + ", ".join(f"`{n}`" for n in m[1].split(", ")) + ": ",
+                            line,
+                        ),
+                        120,
+                        subsequent_indent="  ",
+                        break_long_words=False,
+                        break_on_hyphens=False,
+                    )
+                    for line in joined
+                )
+            )
         elif any(line.startswith("    ") for line in lines):
             paragraphs.append("```text\n" + textwrap.dedent(paragraph) + "\n```")
         else:
@@ -69,13 +82,20 @@ def fields_of(cls):
 
 
 def page():
-    lines = ["# The Python package", "",
-             "Made by docs/generate/python.py of docstrings. [python.md](../python.md) shows how to use it.", ""]
+    lines = [
+        "# The Python package",
+        "",
+        "Made by docs/generate/python.py of docstrings. [python.md](../python.md) shows how to use it.",
+        "",
+    ]
     for module, names in ((itn, itn.__all__), (itn.torch, ["render", "render_batch"])):
         # What one calls comes first, then what comes back, then what is raised.
         kinds = (inspect.isfunction, lambda held: not issubclass(held, Exception), lambda held: True)
-        kind_of = {name: next(i for i, kind in enumerate(kinds) if kind(getattr(module, name)))
-                   for name in names if inspect.isclass(getattr(module, name)) or inspect.isfunction(getattr(module, name))}
+        kind_of = {
+            name: next(i for i, kind in enumerate(kinds) if kind(getattr(module, name)))
+            for name in names
+            if inspect.isclass(getattr(module, name)) or inspect.isfunction(getattr(module, name))
+        }
         for name in sorted(kind_of, key=lambda name: (kind_of[name], name)):
             held = getattr(module, name)
             full = f"{module.__name__}.{name}"
@@ -90,7 +110,11 @@ def page():
             if fields := fields_of(held):
                 lines += ["\n".join(textwrap.fill(row, 120, subsequent_indent="  ") for row in fields), ""]
             for member, what in vars(held).items():
-                if member.startswith("_") or not what.__doc__ or not (inspect.isfunction(what) or isinstance(what, property)):
+                if (
+                    member.startswith("_")
+                    or not what.__doc__
+                    or not (inspect.isfunction(what) or isinstance(what, property))
+                ):
                     continue
                 shown = f"`.{member}`" if isinstance(what, property) else f"`.{signature_of(member, what)}`"
                 lines += [f"{shown}:", text_of(what.__doc__), ""]

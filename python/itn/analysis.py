@@ -1,4 +1,5 @@
 """Materials from images: by a network, by inverse rendering of a known scene, or of a known shape."""
+
 from __future__ import annotations
 
 import json
@@ -14,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _core, programs
-from .errors import InvalidInput
+from .errors import Error, InvalidInput
 from .rendering import Render
 from .scene import Scene, as_scene
 
@@ -78,8 +79,10 @@ class Answer:
     def __repr__(self) -> str:
         lines = [f"<itn.{type(self).__name__}, {self.percent} % intervals"]
         for name in ("sigma_t", "albedo", "g"):
-            told = ", ".join(f"{value:.3g} ({low:.3g} to {high:.3g})"
-                             for value, (low, high) in zip(self.value(name), self.interval(name)))
+            told = ", ".join(
+                f"{value:.3g} ({low:.3g} to {high:.3g})"
+                for value, (low, high) in zip(self.value(name), self.interval(name))
+            )
             lines.append(f"  {name}: {told}")
         return "\n".join(lines + [f"  {remark}" for remark in self.remarks]) + ">"
 
@@ -90,32 +93,47 @@ def _format_of(path: str | os.PathLike[str], format: str | None) -> str:
     try:
         return _FORMATS[pathlib.Path(path).suffix.lower()]
     except KeyError:
-        raise InvalidInput(f"{os.fspath(path)}: its name ends in {', '.join(_FORMATS)}, or format says what it "
-                           "is") from None
+        raise InvalidInput(
+            f"{os.fspath(path)}: its name ends in {', '.join(_FORMATS)}, or format says what it " "is"
+        ) from None
 
 
 class Prediction(Answer):
     """What a network says of a photograph, or of several of one material."""
 
     def __init__(self, found: dict[str, Any], positional: list[str], flags: dict[str, Any], files: Files):
-        channels = [{name: {**numbers, "value": channel.get(name, numbers["mean"])}
-                     for name, numbers in channel["posterior"].items() if isinstance(numbers, dict)}
-                    for channel in found["channels"]]
+        channels = [
+            {
+                name: {**numbers, "value": channel.get(name, numbers["mean"])}
+                for name, numbers in channel["posterior"].items()
+                if isinstance(numbers, dict)
+            }
+            for channel in found["channels"]
+        ]
         super().__init__(found, channels, "low", "high")
         self._positional, self._flags, self._files = positional, flags, files
 
     @property
     def remarks(self) -> list[str]:
         """What limits the answer, in words."""
-        return list(dict.fromkeys(warning["text"] for channel in self._found["channels"]
-                                  for warning in channel.get("caveats", {}).get("warnings", [])))
+        return list(
+            dict.fromkeys(
+                warning["text"]
+                for channel in self._found["channels"]
+                for warning in channel.get("caveats", {}).get("warnings", [])
+            )
+        )
 
     def write(self, path: str | os.PathLike[str], format: str | None = None) -> None:
         """Writes the material for a renderer, by the ending of the file's name: .mtlx (OpenPBR in MaterialX), .xml
         (Mitsuba), .pbrt, .py (Blender), .ass (Arnold). Predicts once more, and needs the photograph."""
-        programs.run("predict", self._positional,
-                     {**self._flags, "format": _format_of(path, format), "output": os.path.abspath(path)},
-                     names=self._files.names, warns=False)
+        programs.run(
+            "predict",
+            self._positional,
+            {**self._flags, "format": _format_of(path, format), "output": os.path.abspath(path)},
+            names=self._files.names,
+            warns=False,
+        )
 
 
 class Refinement(Answer):
@@ -142,11 +160,22 @@ class Refinement(Answer):
     def write(self, path: str | os.PathLike[str], format: str | None = None) -> None:
         """Writes the material for a renderer, by the ending of the file's name: .mtlx (OpenPBR in MaterialX), .xml
         (Mitsuba), .pbrt, .py (Blender), .ass (Arnold)."""
-        surface: dict[str, Any] = {name: self._channels[0][name] for name in ("index", "roughness") if name in self._channels[0]}
-        programs.run("materials", [], {
-            **{name: [float(result["material"].get(name, 0)) for result in self._channels]
-               for name in ("sigma_t", "albedo", "g")},
-            **surface, "format": _format_of(path, format), "output": os.path.abspath(path)})
+        surface: dict[str, Any] = {
+            name: self._channels[0][name] for name in ("index", "roughness") if name in self._channels[0]
+        }
+        programs.run(
+            "materials",
+            [],
+            {
+                **{
+                    name: [float(result["material"].get(name, 0)) for result in self._channels]
+                    for name in ("sigma_t", "albedo", "g")
+                },
+                **surface,
+                "format": _format_of(path, format),
+                "output": os.path.abspath(path),
+            },
+        )
 
 
 class Files:
@@ -157,6 +186,8 @@ class Files:
         weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
         #: What messages call files that the user did not name.
         self.names: dict[str, str] = {}
+        #: Whether a Render or an array was.
+        self.any_in_colour = False
         self._count = 0
 
     def __copy__(self) -> Files:
@@ -177,26 +208,49 @@ class Files:
         if isinstance(picture, Render):
             path = self.new(".exr", name)
             picture.write(path)
+            self.any_in_colour |= picture.image.ndim == 3
             return path
         try:
             array = np.asarray(picture)
         except (TypeError, ValueError, RuntimeError) as error:
             raise InvalidInput(f"{name}: it is a file, a Render or an array: {error}") from None
         if array.ndim not in (2, 3) or array.ndim == 3 and array.shape[2] not in (1, 3) or array.size == 0:
-            raise InvalidInput(f"{name}: it is a file, a Render, or an array of the shape (height, width) or (height, "
-                               f"width, 3)" + (f", not {array.shape}" if array.ndim else ""))
+            raise InvalidInput(
+                f"{name}: it is a file, a Render, or an array of the shape (height, width) or (height, "
+                f"width, 3)" + (f", not {array.shape}" if array.ndim else "")
+            )
         if is_mask and array.dtype.kind in "ui":
             array = array / np.float32(max(1, array.max()))
         elif array.dtype.kind not in "fb":
-            raise InvalidInput(f"{name}: an array of {array.dtype}; arrays are linear radiance, of floats. Give files of "
-                               "photographs by their path")
+            raise InvalidInput(
+                f"{name}: an array of {array.dtype}; arrays are linear radiance, of floats. Give files of "
+                "photographs by their path"
+            )
         planes = [array] if array.ndim == 2 else [array[..., c] for c in range(array.shape[2])]
         if not all(np.isfinite(plane).all() for plane in planes):
             raise InvalidInput(f"{name}: it has numbers that are not finite")
         path = self.new(".exr", name)
-        _core.write_exr(path, [(channel, np.ascontiguousarray(plane, dtype=np.float32))
-                               for channel, plane in zip("Y" if len(planes) == 1 else "RGB", planes)])
+        self.any_in_colour |= len(planes) == 3 and not is_mask
+        _core.write_exr(
+            path,
+            [
+                (channel, np.ascontiguousarray(plane, dtype=np.float32))
+                for channel, plane in zip("Y" if len(planes) == 1 else "RGB", planes)
+            ],
+        )
         return path
+
+    def linked(self, pictures: Sequence[Any], kind: str) -> list[str]:
+        """Names for pictures in a folder of their own, by which their masks are found."""
+        folder = self.new("", f"the {kind}s")
+        os.mkdir(folder)
+        paths = []
+        for i, picture in enumerate(pictures):
+            path = self.picture(picture, f"{kind} {i}", is_mask=kind == "mask")
+            paths.append(os.path.join(folder, f"{i:06}{pathlib.Path(path).suffix}"))
+            self.names[paths[-1]] = f"{kind} {i}"
+            os.symlink(path, paths[-1])
+        return paths
 
     def scene(self, scene: Any, in_colour: bool) -> str:
         """A scene's file, whose film is in colour if the images are."""
@@ -222,16 +276,29 @@ class Files:
 
 
 def _several(pictures: Any) -> list[Any]:
-    return list(pictures) if isinstance(pictures, (list, tuple)) and pictures and not np.isscalar(pictures[0]) and (
-        isinstance(pictures[0], (str, os.PathLike, Render)) or hasattr(pictures[0], "shape")) else [pictures]
+    return (
+        list(pictures)
+        if isinstance(pictures, (list, tuple))
+        and pictures
+        and not np.isscalar(pictures[0])
+        and (isinstance(pictures[0], (str, os.PathLike, Render)) or hasattr(pictures[0], "shape"))
+        else [pictures]
+    )
 
 
 def _named(pictures: list[Any], files: Files) -> list[str]:
-    return [files.picture(picture, "image" if len(pictures) == 1 else f"image {i}") for i, picture in enumerate(pictures)]
+    return [
+        files.picture(picture, "image" if len(pictures) == 1 else f"image {i}") for i, picture in enumerate(pictures)
+    ]
 
 
-def predict(photograph: Picture | Sequence[Picture], *, mask: Picture | None = None, object_size: float | None = None,
-            **flags: Any) -> Prediction:
+def predict(
+    photograph: Picture | Sequence[Picture],
+    *,
+    mask: Picture | None = None,
+    object_size: float | None = None,
+    **flags: Any,
+) -> Prediction:
     """Reads a material off a photograph, or off several of one material, by a network.
 
     photograph: a file that `itn predict` reads, a Render, or an array of linear radiance; or a list of them, which show
@@ -254,12 +321,50 @@ def predict(photograph: Picture | Sequence[Picture], *, mask: Picture | None = N
     return Prediction(json.loads(said.splitlines()[-1]), positional, given, files)
 
 
-def refine(images: Picture | Sequence[Picture], scene: Scene | Mapping[str, Any] | str | os.PathLike[str] | Sequence[Any],
-           *, output: str | os.PathLike[str] | None = None, **flags: Any) -> Refinement:
+def predict_many(
+    photographs: Sequence[Picture],
+    *,
+    masks: Sequence[Picture] | None = None,
+    object_size: float | None = None,
+    **flags: Any,
+) -> list[Prediction | Error]:
+    """Reads a material off each of many photographs, in one process, as the start takes longest of one.
+
+    photographs, masks: as of predict(), one mask for each photograph; Renders bring their own.
+    object_size, flags: as of predict(), the same for all.
+
+    Returns an answer for each, in their order; of a photograph that cannot be used, an Error.
+    """
+    files = Files()
+    if not len(photographs):
+        return []
+    if masks is not None and len(masks) != len(photographs):
+        raise InvalidInput(f"masks: there are {len(masks)}, and {len(photographs)} photographs")
+    linked = files.linked(photographs, "image")
+    given = {"object_size": object_size, **flags}
+    if masks is not None:
+        given["mask"] = os.path.dirname(files.linked(masks, "mask")[0])
+    said = programs.run("predict", linked, {**given, "json": True}, names=files.names, accepts=range(2, 8))
+    found = [json.loads(line) for line in said.splitlines()]
+    if len(found) != len(linked):
+        raise Error(f"itn predict answered for {len(found)} of {len(linked)} photographs: {said[:200]}")
+    return [
+        InvalidInput(one["error"]) if one["error"] else Prediction(one, [path], given, files)
+        for path, one in zip(linked, found)
+    ]
+
+
+def refine(
+    images: Picture | Sequence[Picture],
+    scene: Scene | Mapping[str, Any] | str | os.PathLike[str] | Sequence[Any],
+    *,
+    output: str | os.PathLike[str] | None = None,
+    **flags: Any,
+) -> Refinement:
     """Finds the material for which renders of a known scene are like the images.
 
     images: files, Renders or arrays of linear radiance, one or several. A Render brings its mask and its noise.
-    scene: of all images, or a list of one for each. Of images in colour, their films are, too.
+    scene: of all images, or a list of one for each. Of Renders and arrays in colour, their films are, too.
     output: a folder from which the same call goes on, if it is stopped; default: one that goes with the answer.
     flags: of `itn refine` (docs/reference/commands.md), with underscores: init="mean", mask=..., time_limit=60,
         unknown_exposure=True, workers="host:50051".
@@ -270,15 +375,23 @@ def refine(images: Picture | Sequence[Picture], scene: Scene | Mapping[str, Any]
     pictures = _several(images)
     scenes = list(scene) if isinstance(scene, (list, tuple)) else [scene]
     if len(scenes) not in (1, len(pictures)):
-        raise InvalidInput(f"scene: there are {len(scenes)}, and {len(pictures)} images; give one for all, or one for each")
-    in_colour = [getattr(p.image if isinstance(p, Render) else p, "ndim", 2) == 3 for p in pictures]
-    flags = {"init": "mean", **flags, "scene": [files.scene(one, any(in_colour)) for one in scenes]}
-    return _refinement("refine", _named(pictures, files), output, flags, files)
+        raise InvalidInput(
+            f"scene: there are {len(scenes)}, and {len(pictures)} images; give one for all, or one for each"
+        )
+    positional = _named(pictures, files)
+    flags = {"init": "mean", **flags, "scene": [files.scene(one, files.any_in_colour) for one in scenes]}
+    return _refinement("refine", positional, output, flags, files)
 
 
-def fit(photographs: Picture | Sequence[Picture], *, shape: str | os.PathLike[str] | None = None,
-        object_size: float | Sequence[float] | None = None, light: str | os.PathLike[str] = "flash",
-        output: str | os.PathLike[str] | None = None, **flags: Any) -> Refinement:
+def fit(
+    photographs: Picture | Sequence[Picture],
+    *,
+    shape: str | os.PathLike[str] | None = None,
+    object_size: float | Sequence[float] | None = None,
+    light: str | os.PathLike[str] = "flash",
+    output: str | os.PathLike[str] | None = None,
+    **flags: Any,
+) -> Refinement:
     """Finds the material of an object of known shape from its photographs.
 
     photographs: files, or arrays of linear radiance, one or several.
@@ -299,9 +412,11 @@ def fit(photographs: Picture | Sequence[Picture], *, shape: str | os.PathLike[st
     return _refinement("fit", _named(_several(photographs), files), output, given, files)
 
 
-def _refinement(command: str, positional: list[str], output: str | os.PathLike[str] | None, flags: dict[str, Any],
-                files: Files) -> Refinement:
+def _refinement(
+    command: str, positional: list[str], output: str | os.PathLike[str] | None, flags: dict[str, Any], files: Files
+) -> Refinement:
     folder = os.path.abspath(output) if output is not None else files.new("", "the folder of the answer")
-    found = json.loads(programs.run(command, positional, {**files.flags(flags), "output": folder, "json": True},
-                                    names=files.names))
+    found = json.loads(
+        programs.run(command, positional, {**files.flags(flags), "output": folder, "json": True}, names=files.names)
+    )
     return Refinement(found, found["results"] if "results" in found else [found], folder, files)

@@ -1,4 +1,5 @@
 """Datasets that `itn dataset` rendered."""
+
 from __future__ import annotations
 
 import os
@@ -10,6 +11,7 @@ import numpy as np
 
 from . import _core
 from .errors import InvalidInput
+from .rendering import together_of
 
 _SPLITS = ("train", "validation", "test")
 
@@ -31,8 +33,9 @@ class Dataset:
             raise InvalidInput(f"split {split!r}: it is one of {', '.join(_SPLITS)}, all")
         self._folder = pathlib.Path(folder).absolute()
         items = _core.read_manifest(str(self._folder / "manifest.textproto"))
-        self._items = [(file, shape, materials) for file, of_split, shape, materials in items
-                       if split in (of_split, "all")]
+        self._items = [
+            (file, shape, materials) for file, of_split, shape, materials in items if split in (of_split, "all")
+        ]
 
     def __len__(self) -> int:
         return len(self._items)
@@ -48,8 +51,15 @@ class Dataset:
             return planes[0] if len(planes) == 1 else np.stack(planes, axis=-1)
 
         truth = np.array(materials, dtype=np.float32)
-        return {"image": together(""), "stderr": together("stderr."), "mask": layers["mask.Y"],
-                "sigma_t": truth[:, 0], "albedo": truth[:, 1], "g": truth[:, 2], "index": number}
+        return {
+            "image": together_of(layers, ""),
+            "stderr": together_of(layers, "stderr."),
+            "mask": layers["mask.Y"],
+            "sigma_t": truth[:, 0],
+            "albedo": truth[:, 1],
+            "g": truth[:, 2],
+            "index": number,
+        }
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         return (self[i] for i in range(len(self)))

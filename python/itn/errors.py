@@ -1,4 +1,5 @@
 """What itn raises, and warns of. Every message says what is wrong, where, and what would be right."""
+
 from __future__ import annotations
 
 import contextlib

@@ -1,4 +1,5 @@
 """Media that others have measured."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass

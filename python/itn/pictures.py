@@ -1,4 +1,5 @@
 """Pictures to look at. They show themselves in a notebook."""
+
 from __future__ import annotations
 
 import os
@@ -55,5 +56,9 @@ def of_signs(image: npt.NDArray[Any]) -> Picture:
 def row(*pictures: Picture) -> Picture:
     """Pictures side by side, as high as the highest."""
     height = max(picture.pixels.shape[0] for picture in pictures)
-    return Picture(np.concatenate([np.pad(picture.pixels, ((0, height - picture.pixels.shape[0]), (0, 0), (0, 0)))
-                                   for picture in pictures], axis=1))
+    return Picture(
+        np.concatenate(
+            [np.pad(picture.pixels, ((0, height - picture.pixels.shape[0]), (0, 0), (0, 0))) for picture in pictures],
+            axis=1,
+        )
+    )

@@ -1,6 +1,9 @@
 """The programs of itn as child processes: what needs LibTorch, gRPC or files of cameras is in them."""
+
 from __future__ import annotations
 
+import atexit
+import contextlib
 import os
 import pathlib
 import re
@@ -9,14 +12,22 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import IO, Any
 
+from . import _core
 from .errors import Cancelled, Error, FileError, InvalidInput, LimitExceeded, Unavailable, warn
 
 # docs/errors.md
-_OF_EXIT_CODE = {2: InvalidInput, 3: InvalidInput, 4: FileError, 5: Unavailable, 6: FileError, 7: LimitExceeded,
-                 130: Cancelled}
+_OF_EXIT_CODE = {
+    2: InvalidInput,
+    3: InvalidInput,
+    4: FileError,
+    5: Unavailable,
+    6: FileError,
+    7: LimitExceeded,
+    130: Cancelled,
+}
 # What itn-learn needs that a wheel does not hold (deploy/wheel.sh).
 _LIBRARIES = ("libtorch1.13", "libopenblas0-pthread", "libopenimageio2.4", "libopencv-photo406", "libheif1")
 # What the programs put before a line that they log.
@@ -38,7 +49,6 @@ def find(name: str) -> str:
 
 
 def _package_folder() -> str:
-    from . import _core
     return os.path.dirname(os.path.abspath(_core.__file__))
 
 
@@ -52,7 +62,7 @@ def arguments(flags: dict[str, Any]) -> list[str]:
             continue
         flag = "--" + name.replace("_", "-")
         if isinstance(value, dict):
-            given += [word for key, held in value.items() for word in (flag, f"{key}={held!r}")]
+            given += [word for key, held in value.items() for word in (flag, f"{key}={float(held)!r}")]
             continue
         given.append(flag)
         if value is True:
@@ -60,44 +70,83 @@ def arguments(flags: dict[str, Any]) -> list[str]:
         several = isinstance(value, Sequence) and not isinstance(value, str) or hasattr(value, "tolist")
         values = value.tolist() if hasattr(value, "tolist") else value
         values = values if several and isinstance(values, Sequence) else [values]
-        given.append(",".join(os.fspath(v) if isinstance(v, os.PathLike) else repr(v) if isinstance(v, float) else str(v)
-                              for v in values))
+        given.append(
+            ",".join(
+                os.fspath(v) if isinstance(v, os.PathLike) else repr(float(v)) if isinstance(v, float) else str(v)
+                for v in values
+            )
+        )
     return given
 
 
-def run(command: str, positional: Sequence[str], flags: dict[str, Any], *, names: Mapping[str, str] | None = None,
-        warns: bool = True) -> str:
+def run(
+    command: str,
+    positional: Sequence[str],
+    flags: dict[str, Any],
+    *,
+    names: Mapping[str, str] | None = None,
+    warns: bool = True,
+    accepts: Collection[int] = (),
+    stop: _core.Stop | None = None,
+) -> str:
     """Runs a command of itn and returns what it prints. What it warns of are warnings here. Ctrl-C ends it. `names`:
-    what messages call files that the user did not name."""
+    what messages call files that the user did not name. `accepts`: exit codes that are no error where something was
+    printed."""
     if "help" in flags:
         raise InvalidInput("help: docs/reference/commands.md says what flags there are")
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as messages:
-        child = subprocess.Popen([find("itn"), command, *arguments({"quiet": True, **flags}), "--", *positional],
-                                 stdin=subprocess.DEVNULL, stdout=output, stderr=messages, start_new_session=True)
+        child = subprocess.Popen(
+            [find("itn"), command, *arguments({"quiet": True, **flags}), "--", *positional],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=messages,
+            start_new_session=True,
+        )
+        _children.add(child)
         try:
-            child.wait()
+            while True:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    child.wait(timeout=0.05 if stop is not None else None)
+                    break
+                if stop is not None and stop.requested:
+                    raise Cancelled("cancelled")
         except BaseException:
             _end(child)
             raise
+        finally:
+            _children.discard(child)
         text = _text(messages)
         for path, name in (names or {}).items():
             text = text.replace(path, name)
         said = [line for line in text.splitlines() if line.strip()]
         if missing := [line for line in said if "error while loading shared libraries" in line]:
-            raise FileError(f"{missing[0]}. Networks and photographs need libraries of Debian 12: apt-get install "
-                            "--no-install-recommends " + " ".join(_LIBRARIES))
-        if child.returncode != 0:
+            raise FileError(
+                f"{missing[0]}. Networks and photographs need libraries of Debian 12: apt-get install "
+                "--no-install-recommends " + " ".join(_LIBRARIES)
+            )
+        printed = _text(output)
+        if child.returncode != 0 and not (printed and child.returncode in accepts):
             mistakes = [_LOGGED.sub("", line).removeprefix("itn: ") for line in said if "--help" not in line]
             message = "\n".join(mistakes) or f"itn {command} ended with exit code {child.returncode}"
             raise _OF_EXIT_CODE.get(child.returncode, Error)(message)
         for line in said if warns else ():
             warn(_LOGGED.sub("", line).removeprefix("itn: "))
-        return _text(output)
+        return printed
 
 
 def _text(file: IO[bytes]) -> str:
     file.seek(0)
     return file.read().decode("utf-8", "replace")
+
+
+_children: set[subprocess.Popen[bytes]] = set()
+
+
+@atexit.register
+def _end_all() -> None:
+    """Those of threads that Python leaves behind."""
+    for child in list(_children):
+        _end(child)
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:

@@ -1,4 +1,5 @@
 """Renders: images of a scene, and derivatives in its numbers."""
+
 from __future__ import annotations
 
 import json
@@ -15,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _core, pictures
-from .errors import Error, InvalidInput, warn
+from .errors import Cancelled, Error, InvalidInput, warn
 from .media import Medium
 from .pictures import Picture
 from .scene import Scene, as_scene
@@ -85,12 +86,14 @@ class Render:
         red where it is above 0, blue below."""
         if derivative is not None:
             if derivative not in self.derivatives:
-                raise InvalidInput(f"{derivative} is none of this render's derivatives: "
-                                   f"{', '.join(self.derivatives) or 'it has none'}")
+                raise InvalidInput(
+                    f"{derivative} is none of this render's derivatives: "
+                    f"{', '.join(self.derivatives) or 'it has none'}"
+                )
             return pictures.of_signs(self.derivatives[derivative])
         shown = self.image[self.mask > 0.5]
         shown = shown if shown.size else self.image
-        return pictures.of_radiance(self.image, float(np.quantile(shown, 0.99)) / 2.0 ** exposure)
+        return pictures.of_radiance(self.image, float(np.quantile(shown, 0.99)) / 2.0**exposure)
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Writes an OpenEXR file with the layers that `itn render` writes: R, G and B, or Y, its stderr, mask.Y and
@@ -103,11 +106,15 @@ class Render:
             raise InvalidInput(f"{name}: its name ends in .exr, or .png for a picture")
         colours = ("Y",) if self.image.ndim == 2 else ("R", "G", "B")
         planes = [("mask.Y", self.mask)]
-        for prefix, array in [("", self.image), ("stderr.", self.stderr),
-                              *((f"{d}.", array) for d, array in self.derivatives.items()),
-                              *((f"stderr.{d}.", array) for d, array in self.derivative_stderr.items())]:
-            planes += [(prefix + colour, np.ascontiguousarray(plane))
-                       for colour, plane in zip(colours, self._channels(array))]
+        for prefix, array in [
+            ("", self.image),
+            ("stderr.", self.stderr),
+            *((f"{d}.", array) for d, array in self.derivatives.items()),
+            *((f"stderr.{d}.", array) for d, array in self.derivative_stderr.items()),
+        ]:
+            planes += [
+                (prefix + colour, np.ascontiguousarray(plane)) for colour, plane in zip(colours, self._channels(array))
+            ]
         _core.write_exr(name, planes)
 
     def _repr_png_(self) -> bytes:
@@ -117,8 +124,10 @@ class Render:
         height, width = self.mask.shape
         noise = "unknown" if self.spp == 1 else f"{100 * self.noise:.2g} %"
         names = f", derivatives in {', '.join(self.derivatives)}" if self.derivatives else ""
-        return (f"<itn.Render: {width} x {height} pixels{', in colour' if self.image.ndim == 3 else ''}, "
-                f"{self.spp} samples per pixel, noise {noise}, {self.seconds:.2g} s{names}>")
+        return (
+            f"<itn.Render: {width} x {height} pixels{', in colour' if self.image.ndim == 3 else ''}, "
+            f"{self.spp} samples per pixel, noise {noise}, {self.seconds:.2g} s{names}>"
+        )
 
 
 def numbers(name: str, value: Numbers) -> list[float]:
@@ -134,7 +143,7 @@ def numbers(name: str, value: Numbers) -> list[float]:
     return [float(number) for number in array]
 
 
-def named(name: str, value: Any, kind: type[T], what: str) -> T:
+def named(name: str, value: Any, kind: Any, what: str) -> Any:
     """A value of a type."""
     if not isinstance(value, kind):
         raise InvalidInput(f"{name} {value!r}: it is {what}")
@@ -160,11 +169,22 @@ def processors(threads: int | None) -> int:
     return len(os.sched_getaffinity(0)) if threads is None else whole("threads", threads, 1, 1024)
 
 
-def set_medium(request: _core.Request, scene: Scene, sigma_t: Numbers | None, albedo: Numbers | None, g: Numbers | None,
-               medium: str | Medium | None, object_size: float | None, phase: str | None) -> bool:
+def set_medium(
+    request: _core.Request,
+    scene: Scene,
+    sigma_t: Numbers | None,
+    albedo: Numbers | None,
+    g: Numbers | None,
+    medium: str | Medium | None,
+    object_size: float | None,
+    phase: str | None,
+) -> bool:
     """Puts the medium into a request: that which is given, or the scene's. Whether it is in colour."""
-    given = [name for name, value in (("sigma_t", sigma_t), ("albedo", albedo), ("g", g), ("phase", phase))
-             if value is not None]
+    given = [
+        name
+        for name, value in (("sigma_t", sigma_t), ("albedo", albedo), ("g", g), ("phase", phase))
+        if value is not None
+    ]
     if medium is not None and given:
         raise InvalidInput(f"medium and {given[0]}: give a measured medium, or numbers")
     if object_size is not None and medium is None:
@@ -179,8 +199,9 @@ def set_medium(request: _core.Request, scene: Scene, sigma_t: Numbers | None, al
         elif materials:
             request.set_material(*(list(kind) for kind in zip(*materials)))
         else:
-            raise InvalidInput("sigma_t and albedo are required, or medium, or a medium or material in the "
-                               "scene's object")
+            raise InvalidInput(
+                "sigma_t and albedo are required, or medium, or a medium or material in the " "scene's object"
+            )
         return False
     if medium is not None:
         request.medium = medium.name if isinstance(medium, Medium) else named("medium", medium, str, "a name")
@@ -196,14 +217,32 @@ def set_medium(request: _core.Request, scene: Scene, sigma_t: Numbers | None, al
     return any(len(kind) == 3 for kind in kinds)
 
 
-def render(scene: Scene | Mapping[str, Any] | str | os.PathLike[str], *, sigma_t: Numbers | None = None, albedo: Numbers | None = None,
-           g: Numbers | None = None, medium: str | Medium | None = None, object_size: float | None = None,
-           phase: str | None = None, spp: int | None = None, noise: float | None = None,
-           time: float | None = None, seed: int = 0, derivatives: str | Sequence[str] = (), estimates: int = 1,
-           pilot_spp: int = 0, values: Mapping[str, float] | None = None, resolution: int | Sequence[int] | None = None,
-           colour: bool | None = None, pixels: str = "all", tracer: str = "wavefront", threads: int | None = None,
-           workers: str | Sequence[str] | None = None, progress: Callable[[float], Any] | None = None,
-           stop: _core.Stop | None = None) -> Render:
+def render(
+    scene: Scene | Mapping[str, Any] | str | os.PathLike[str],
+    *,
+    sigma_t: Numbers | None = None,
+    albedo: Numbers | None = None,
+    g: Numbers | None = None,
+    medium: str | Medium | None = None,
+    object_size: float | None = None,
+    phase: str | None = None,
+    spp: int | None = None,
+    noise: float | None = None,
+    time: float | None = None,
+    seed: int = 0,
+    derivatives: str | Sequence[str] = (),
+    estimates: int = 1,
+    pilot_spp: int = 0,
+    values: Mapping[str, float] | None = None,
+    resolution: int | Sequence[int] | None = None,
+    colour: bool | None = None,
+    pixels: str = "all",
+    tracer: str = "wavefront",
+    threads: int | None = None,
+    workers: str | Sequence[str] | None = None,
+    progress: Callable[[float], Any] | None = None,
+    stop: _core.Stop | None = None,
+) -> Render:
     """Renders an image of the scene and derivatives of it.
 
     scene: what itn.load or itn.scene returns, the path of a scene file, or a dictionary as itn.scene takes.
@@ -236,8 +275,11 @@ def render(scene: Scene | Mapping[str, Any] | str | os.PathLike[str], *, sigma_t
     """
     scene = as_scene(scene)
     if resolution is not None:
-        sides = [resolution] if isinstance(resolution, (int, np.integer)) else list(named(
-            "resolution", resolution, Sequence, "a number of pixels, or (width, height)"))  # type: ignore[type-abstract]
+        sides = (
+            [resolution]
+            if isinstance(resolution, (int, np.integer))
+            else list(named("resolution", resolution, Sequence, "a number of pixels, or (width, height)"))
+        )
         if isinstance(resolution, str) or len(sides) not in (1, 2):
             raise InvalidInput(f"resolution {resolution!r}: it is a number of pixels, or (width, height)")
         scene = scene.resized(*sides)
@@ -245,21 +287,29 @@ def render(scene: Scene | Mapping[str, Any] | str | os.PathLike[str], *, sigma_t
     in_colour = set_medium(request, scene, sigma_t, albedo, g, medium, object_size, phase)
     if in_colour and colour is False:
         raise InvalidInput("colour=False and three numbers of red, green and blue: they are of an image in colour")
+    if colour is False and scene._core.is_in_colour():
+        scene = scene.coloured(False)
     in_colour = in_colour or scene._core.is_in_colour()
     request.set_colour(in_colour if colour is None else bool(colour))
     goal = noise is not None or time is not None
     if goal and pilot_spp:
         raise InvalidInput("noise or time, and pilot_spp: a pilot spreads a number of samples that is known")
     spp = whole("spp", spp if spp is not None else _core.MAX_SPP if goal else 64, 1, _core.MAX_SPP)
-    request.set_samples(spp, whole("seed", seed, 0, MAX_SEED), whole("estimates", estimates, 1, 16),
-                        whole("pilot_spp", pilot_spp, 0, 64))
-    request.set_goal(0.0 if noise is None else positive("noise", noise), 0.0 if time is None else positive("time", time))
+    request.set_samples(
+        spp,
+        whole("seed", seed, 0, MAX_SEED),
+        whole("estimates", estimates, 1, _core.MAX_ESTIMATES),
+        whole("pilot_spp", pilot_spp, 0, _core.MAX_PILOT_SPP),
+    )
+    request.set_goal(
+        0.0 if noise is None else positive("noise", noise), 0.0 if time is None else positive("time", time)
+    )
     names = [derivatives] if isinstance(derivatives, str) else [str(name) for name in derivatives or ()]
     for name in names:
         _core.is_of_medium(name)
     request.set_derivatives(names)
     others = {}
-    for name, value in named("values", values or {}, Mapping, "a dictionary of numbers by name").items():  # type: ignore[type-abstract]
+    for name, value in named("values", values or {}, Mapping, "a dictionary of numbers by name").items():
         if _core.is_of_medium(name):
             raise InvalidInput(f"values: {name} is of the medium, which sigma_t, albedo, g and phase say")
         if isinstance(value, (str, bool)) or np.size(value) != 1:
@@ -272,18 +322,43 @@ def render(scene: Scene | Mapping[str, Any] | str | os.PathLike[str], *, sigma_t
     if stop is not None:
         named("stop", stop, _core.Stop, "an itn.Stop")
     if workers is not None:
-        if progress is not None or stop is not None:
-            raise InvalidInput("workers: they take neither progress nor stop")
+        if progress is not None:
+            raise InvalidInput("workers and progress: workers do not say how far they are")
         colours = {} if medium is not None else {"sigma_t": sigma_t, "albedo": albedo, "g": g, "phase": phase}
-        return _by_workers(scene, request, names, {
-            **colours, "material": medium, "object_size": object_size, "spp": spp, "noise": noise, "time": time,
-            "seed": seed, "derivatives": names or None, "set": others, "estimates": estimates, "pilot_spp": pilot_spp,
-            "colour": in_colour if colour is None else bool(colour), "pixels": pixels, "tracer": tracer,
-            "workers": workers})
+        return _by_workers(
+            scene,
+            request,
+            names,
+            {
+                **colours,
+                "material": medium.name if isinstance(medium, Medium) else medium,
+                "object_size": object_size,
+                "spp": spp,
+                "noise": noise,
+                "time": time,
+                "seed": seed,
+                "derivatives": names or None,
+                "set": others,
+                "estimates": estimates,
+                "pilot_spp": pilot_spp,
+                "colour": in_colour if colour is None else bool(colour),
+                "pixels": pixels,
+                "tracer": tracer,
+                "workers": workers,
+            },
+            stop,
+        )
     done = _core.render(scene._core, request, stop, progress)
-    for remark in done.remarks:
+    if done.interrupted:
+        raise Cancelled("cancelled")
+    for remark in [*done.remarks, *_core.take_messages()]:
         warn(remark)
-    return _render_of(done, names)
+    rendered = _render_of(done, names)
+    if noise is not None and not rendered.noise <= noise:
+        warn(
+            f"the noise is {100 * rendered.noise:.2g} %, not {100 * noise:.2g} %: the time or the samples were over before"
+        )
+    return rendered
 
 
 def _render_of(done: _core.Image, names: list[str]) -> Render:
@@ -295,56 +370,87 @@ def _render_of(done: _core.Image, names: list[str]) -> Render:
 
     derivatives = {name: done.derivative(d) for d, name in enumerate(names)}
     return Render(
-        image=image, stderr=done.standard_error(), mask=done.mask(), derivatives=derivatives,
+        image=image,
+        stderr=done.standard_error(),
+        mask=done.mask(),
+        derivatives=derivatives,
         derivative_stderr={name: done.derivative_error(d) for d, name in enumerate(names)} if several else {},
         estimates=stacked(done.radiance_of_estimate, image),
-        derivative_estimates={name: stacked(partial(done.derivative_of_estimate, d), derivatives[name])
-                              for d, name in enumerate(names)},
-        spp=done.spp, seconds=done.seconds, materials=done.materials,
-        counters=dict(zip(_COUNTERS, done.counters)))
+        derivative_estimates={
+            name: stacked(partial(done.derivative_of_estimate, d), derivatives[name]) for d, name in enumerate(names)
+        },
+        spp=done.spp,
+        seconds=done.seconds,
+        materials=done.materials,
+        counters=dict(zip(_COUNTERS, done.counters)),
+    )
 
 
-def _by_workers(scene: Scene, request: _core.Request, names: list[str], flags: dict[str, Any]) -> Render:
+def together_of(layers: Mapping[str, Array], prefix: str) -> Array:
+    """The layers prefix + Y, or prefix + R, G and B, of a file."""
+    if "Y" in layers:
+        return layers[prefix + "Y"]
+    return np.stack([layers[prefix + colour] for colour in "RGB"], axis=-1)
+
+
+def _by_workers(
+    scene: Scene, request: _core.Request, names: list[str], flags: dict[str, Any], stop: _core.Stop | None
+) -> Render:
     """By the program, which knows how to ask workers."""
     from . import programs
+
     with tempfile.TemporaryDirectory(prefix="itn-") as folder:
         scene.save(f"{folder}/scene.textproto")
-        said = json.loads(programs.run("render", [f"{folder}/scene.textproto"],
-                                       {**flags, "output": f"{folder}/image.exr", "json": True}))
+        said = json.loads(
+            programs.run(
+                "render",
+                [f"{folder}/scene.textproto"],
+                {**flags, "output": f"{folder}/image.exr", "json": True},
+                stop=stop,
+            )
+        )
         layers = dict(_core.read_exr(f"{folder}/image.exr"))
     colours = ["Y"] if "Y" in layers else ["R", "G", "B"]
 
     def together(prefix: str) -> Array:
-        planes = [layers[prefix + colour] for colour in colours]
-        return planes[0] if len(planes) == 1 else np.stack(planes, axis=-1)
+        return together_of(layers, prefix)
 
     estimates = int(flags["estimates"])
 
     def of_estimates(name: str) -> Array:
-        return np.stack([together(f"estimate{k}.{name}") for k in range(estimates)]) if estimates > 1 else together(
-            name)[np.newaxis]
+        return (
+            np.stack([together(f"estimate{k}.{name}") for k in range(estimates)])
+            if estimates > 1
+            else together(name)[np.newaxis]
+        )
 
     return Render(
-        image=together(""), stderr=together("stderr."), mask=layers["mask.Y"],
+        image=together(""),
+        stderr=together("stderr."),
+        mask=layers["mask.Y"],
         derivatives={name: together(f"{name}.") for name in names},
         derivative_stderr={name: together(f"stderr.{name}.") for name in names} if estimates > 1 else {},
-        estimates=of_estimates(""), derivative_estimates={name: of_estimates(f"{name}.") for name in names},
-        spp=int(said["spp"]), seconds=said["seconds"], materials=_core.materials_of(scene._core, request),
-        counters={name: said[name] for name in _COUNTERS})
+        estimates=of_estimates(""),
+        derivative_estimates={name: of_estimates(f"{name}.") for name in names},
+        spp=int(said["spp"]),
+        seconds=said["seconds"],
+        materials=_core.materials_of(scene._core, request),
+        counters={name: said[name] for name in _COUNTERS},
+    )
 
 
-def in_threads(work: Iterable[Callable[[_core.Stop], T]], at_a_time: int) -> Iterator[tuple[int, T | Exception]]:
+def in_threads(work: Iterable[Callable[[_core.Stop], T]], at_a_time: int) -> Iterator[tuple[int, T | BaseException]]:
     """Does work in so many threads, and yields (number, what it returned or raised) as it is done. Work is taken as it
     is needed. What is under way when nobody takes further answers is stopped."""
     stop = _core.Stop()
     waiting: queue.SimpleQueue[tuple[int, Callable[[_core.Stop], T]] | None] = queue.SimpleQueue()
-    done: queue.SimpleQueue[tuple[int, T | Exception]] = queue.SimpleQueue()
+    done: queue.SimpleQueue[tuple[int, T | BaseException]] = queue.SimpleQueue()
 
     def serve() -> None:
         while (job := waiting.get()) is not None:
             try:
                 done.put((job[0], job[1](stop)))
-            except Exception as error:
+            except BaseException as error:
                 done.put((job[0], error))
 
     # Daemons, so that nobody waits for them as Python ends.
@@ -364,7 +470,11 @@ def in_threads(work: Iterable[Callable[[_core.Stop], T]], at_a_time: int) -> Ite
     try:
         submit()
         while under_way:
-            answer = done.get()
+            try:
+                # In short turns, as a signal that comes just before it waits does not wake it.
+                answer = done.get(timeout=0.02)
+            except queue.Empty:
+                continue
             under_way -= 1
             yield answer
             submit()
@@ -384,16 +494,17 @@ def render_many(requests: Iterable[Mapping[str, Any]], *, threads: int | None = 
     Raises what itn.render raises, for the first that fails, with its number. What is under way then, or where nobody
     takes further images, is cancelled.
     """
+
     def work(number: int, request: Any) -> Callable[[_core.Stop], Render]:
         if not isinstance(request, Mapping) or "scene" not in request:
             raise InvalidInput(f"request {number}: it is a dictionary of the arguments of itn.render, with a scene")
-        return lambda stop: render(**{"threads": 1, **({} if "workers" in request else {"stop": stop}), **request})
+        return lambda stop: render(**{"threads": 1, "stop": stop, **request})
 
     if isinstance(requests, Mapping):
         raise InvalidInput("requests: they are a list of dictionaries, one for each image")
     for number, done in in_threads((work(i, request) for i, request in enumerate(requests)), processors(threads)):
         if isinstance(done, Error):
             raise type(done)(f"request {number}: {done}") from done
-        if isinstance(done, Exception):
+        if isinstance(done, BaseException):
             raise done
         yield number, done

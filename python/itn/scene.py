@@ -1,4 +1,5 @@
 """Scenes: from files, text, dictionaries, and files of Mitsuba."""
+
 from __future__ import annotations
 
 import base64
@@ -60,9 +61,9 @@ class Scene:
                 raise InvalidInput(f"{name} {value!r}: it is a whole number of pixels, from 1 to {_LARGEST}")
         return Scene(self._core.resized(int(sides[0]), int(sides[1])))
 
-    def coloured(self) -> Scene:
-        """The same scene with an image in colour."""
-        return Scene(self._core.coloured())
+    def coloured(self, colour: bool = True) -> Scene:
+        """The same scene with an image in colour, or of the luminance."""
+        return Scene(self._core.coloured(colour))
 
     def parameters(self) -> Mapping[str, Number]:
         """The numbers of this scene that renders have derivatives in, by the names that `derivatives`
@@ -103,12 +104,15 @@ class Scene:
     def __repr__(self) -> str:
         held = json.loads(self._core.to_json())
         lights = [next(iter(light), "?") for light in held.get("lights", [])]
-        return (f"<itn.Scene: {self.width} x {self.height} pixels, lights: {', '.join(lights) or 'none'}, "
-                f"surfaces: {len(held.get('surfaces', []))}>")
+        return (
+            f"<itn.Scene: {self.width} x {self.height} pixels, lights: {', '.join(lights) or 'none'}, "
+            f"surfaces: {len(held.get('surfaces', []))}>"
+        )
 
 
-def load(path: str | os.PathLike[str], *, mm_per_unit: float = 1,
-         definitions: Mapping[str, Any] | None = None) -> Scene:
+def load(
+    path: str | os.PathLike[str], *, mm_per_unit: float = 1, definitions: Mapping[str, Any] | None = None
+) -> Scene:
     """Reads a scene: a scene file of itn, or an XML file of Mitsuba (0.6 or 3).
 
     `mm_per_unit` and `definitions`, the values of a file's $names, are of Mitsuba's files alone. What
@@ -120,12 +124,12 @@ def load(path: str | os.PathLike[str], *, mm_per_unit: float = 1,
     if not name.lower().endswith(".xml"):
         if mm_per_unit != 1 or definitions:
             raise InvalidInput("mm_per_unit and definitions are for XML files of Mitsuba")
-        return Scene(_core.Scene.load(name))
+        return _said(_core.Scene.load(name))
     given = [(key, str(value)) for key, value in (definitions or {}).items()]
     imported = _core.import_mitsuba(name, float(mm_per_unit), given)
     for sentence in imported.not_carried_over:
         warn(f"{name}: {sentence}")
-    return Scene(imported.scene)
+    return _said(imported.scene)
 
 
 def scene(description: Mapping[str, Any] | str, *, folder: str | os.PathLike[str] = ".") -> Scene:
@@ -138,10 +142,10 @@ def scene(description: Mapping[str, Any] | str, *, folder: str | os.PathLike[str
     if isinstance(description, os.PathLike) or isinstance(description, str) and "{" not in description:
         raise InvalidInput(f"{os.fspath(description)!r} is no scene; itn.load reads one from a file")
     if isinstance(description, str):
-        return Scene(_core.Scene.of_text(description, os.fspath(folder)))
+        return _said(_core.Scene.of_text(description, os.fspath(folder)))
     if not isinstance(description, Mapping):
         raise InvalidInput(f"description {type(description).__name__}: it is a dictionary, or the text of a scene file")
-    return Scene(_core.Scene.of_json(json.dumps(_plain(description, "", "")), os.fspath(folder)))
+    return _said(_core.Scene.of_json(json.dumps(_plain(description, "", "")), os.fspath(folder)))
 
 
 def as_scene(given: Any) -> Scene:
@@ -152,7 +156,16 @@ def as_scene(given: Any) -> Scene:
         return scene(given)
     if isinstance(given, (str, os.PathLike)):
         return load(given)
-    raise InvalidInput(f"scene {type(given).__name__}: it is what itn.load or itn.scene returns, a path, or a dictionary")
+    raise InvalidInput(
+        f"scene {type(given).__name__}: it is what itn.load or itn.scene returns, a path, or a dictionary"
+    )
+
+
+def _said(core: _core.Scene) -> Scene:
+    """With what was said of its files."""
+    for message in _core.take_messages():
+        warn(message)
+    return Scene(core)
 
 
 def _plain(value: Any, name: str, place: str) -> Any:

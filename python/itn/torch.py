@@ -7,6 +7,7 @@
 
 No other module of itn imports PyTorch.
 """
+
 from __future__ import annotations
 
 import os
@@ -22,7 +23,7 @@ from torch.autograd.function import once_differentiable
 
 from . import _core
 from .errors import InvalidInput
-from .rendering import MAX_SEED, in_threads, processors, whole
+from .rendering import MAX_SEED, in_threads, processors, set_medium, whole
 from .rendering import render as _render
 from .scene import Scene, as_scene
 
@@ -48,8 +49,10 @@ class _Job:
     phase: str | None
 
     def values(self, tensors: Sequence[torch.Tensor]) -> dict[str, npt.NDArray[Any]]:
-        return {name: tensor.detach().to("cpu", torch.float64).reshape(-1).numpy()
-                for name, tensor in zip(self.names, tensors)}
+        return {
+            name: tensor.detach().to("cpu", torch.float64).reshape(-1).numpy()
+            for name, tensor in zip(self.names, tensors)
+        }
 
     def of_scene(self, values: Mapping[str, npt.NDArray[Any]]) -> dict[str, float]:
         return {name: float(value[0]) for name, value in values.items() if name not in _MEDIUM}
@@ -59,11 +62,25 @@ class _Job:
         medium: dict[str, Any] = {name: values[name] for name in _MEDIUM if name in values}
         if self.phase is not None:
             medium["phase"] = self.phase
-        return _render(self.scene, **medium, values=self.of_scene(values), spp=self.spp, seed=self.seed,
-                       colour=self.in_colour, threads=threads, stop=stop).image
+        return _render(
+            self.scene,
+            **medium,
+            values=self.of_scene(values),
+            spp=self.spp,
+            seed=self.seed,
+            colour=self.in_colour,
+            threads=threads,
+            stop=stop,
+        ).image
 
-    def gradient(self, tensors: Sequence[torch.Tensor], wanted: Sequence[int], weights: npt.NDArray[Any], threads: int,
-                 stop: _core.Stop) -> npt.NDArray[Any]:
+    def gradient(
+        self,
+        tensors: Sequence[torch.Tensor],
+        wanted: Sequence[int],
+        weights: npt.NDArray[Any],
+        threads: int,
+        stop: _core.Stop,
+    ) -> npt.NDArray[Any]:
         """Of the sum of weights times radiances, in the wanted numbers: channels x wanted."""
         if not np.isfinite(weights).all():
             raise InvalidInput("the loss has a gradient in the image that is not finite")
@@ -75,15 +92,20 @@ class _Job:
                 rows.append([0.0] * len(wanted))
                 continue
             request = _core.Request()
-            request.set_material(*([float(values[name][c if values[name].size == 3 else 0])] if name in values else []
-                                   for name in _MEDIUM))
+            request.set_material(
+                *(
+                    [float(values[name][c if values[name].size == 3 else 0])] if name in values else []
+                    for name in _MEDIUM
+                )
+            )
             request.set_phase(self.phase or "")
             request.set_samples(self.spp_grad, self.seed_grad, 1, 0)
             request.set_derivatives([self.names[i] for i in wanted])
             request.set_values(list(self.of_scene(values).items()))
             request.set_threads(threads)
-            rows.append(_core.gradient(self.scene._core, request, _COLOURS[c] if self.in_colour else "", of_channel,
-                                       stop)[0])
+            rows.append(
+                _core.gradient(self.scene._core, request, _COLOURS[c] if self.in_colour else "", of_channel, stop)[0]
+            )
         return np.array(rows)
 
 
@@ -93,7 +115,7 @@ def _each(count: int, at_a_time: int, work: Callable[[int, int, _core.Stop], _T]
         return [work(0, at_a_time, _core.Stop())]
     done: dict[int, _T] = {}
     for number, answer in in_threads((partial(_with_one_thread, work, i) for i in range(count)), at_a_time):
-        if isinstance(answer, Exception):
+        if isinstance(answer, BaseException):
             raise answer
         done[number] = answer
     return [done[i] for i in range(count)]
@@ -124,8 +146,13 @@ class _Renders(torch.autograd.Function):
         needed = _by_job(jobs, ctx.needs_input_grad[2:])
         wanted = [[i for i, need in enumerate(of_one) if need] for of_one in needed]
         weights = grad.detach().to("cpu", torch.float32).numpy()
-        sums = _each(len(jobs), ctx.threads, lambda i, n, stop: jobs[i].gradient(
-            of_job[i], wanted[i], weights[i], n, stop) if wanted[i] else np.empty((1, 0)))
+        sums = _each(
+            len(jobs),
+            ctx.threads,
+            lambda i, n, stop: (
+                jobs[i].gradient(of_job[i], wanted[i], weights[i], n, stop) if wanted[i] else np.empty((1, 0))
+            ),
+        )
         grads: list[torch.Tensor | None] = []
         for i, tensors in enumerate(of_job):
             for j, tensor in enumerate(tensors):
@@ -141,12 +168,13 @@ class _Renders(torch.autograd.Function):
 def _by_job(jobs: Sequence[_Job], held: Sequence[_T]) -> list[Sequence[_T]]:
     parts, first = [], 0
     for job in jobs:
-        parts.append(held[first:first + len(job.names)])
+        parts.append(held[first : first + len(job.names)])
         first += len(job.names)
     return parts
 
 
 if not hasattr(torch.autograd.Function, "setup_context"):  # PyTorch before 2.0
+
     class _RendersWithContext(_Renders):
         @staticmethod
         def forward(ctx: Any, *inputs: Any) -> torch.Tensor:  # type: ignore[override]
@@ -159,13 +187,26 @@ else:
     _apply = _Renders.apply
 
 
-def _job(scene: Any, parameters: Mapping[str, Any], *, spp: int, spp_grad: int | None, seed: int,
-         seed_grad: int | None, phase: str | None, colour: bool | None) -> tuple[_Job, list[torch.Tensor]]:
+def _job(
+    scene: Any,
+    parameters: Mapping[str, Any],
+    *,
+    spp: int,
+    spp_grad: int | None,
+    seed: int,
+    seed_grad: int | None,
+    phase: str | None,
+    colour: bool | None,
+) -> tuple[_Job, list[torch.Tensor]]:
     scene = as_scene(scene)
-    materials = scene._core.materials()
-    if materials and not {"sigma_t", "albedo", "g"} & parameters.keys():
-        kinds = {name: kind if len(set(kind)) > 1 else kind[0] for name, kind in zip(_MEDIUM, zip(*materials))}
-        parameters = {**kinds, **parameters}
+    if colour is False:
+        scene = scene.coloured(False)
+    if not set(_MEDIUM) & parameters.keys() and phase is None:
+        request = _core.Request()
+        set_medium(request, scene, None, None, None, None, None, None)
+        request.set_colour(scene._core.is_in_colour() if colour is None else bool(colour))
+        kinds = zip(_MEDIUM, zip(*_core.materials_of(scene._core, request)))
+        parameters = {**{name: kind if len(set(kind)) > 1 else kind[0] for name, kind in kinds}, **parameters}
     tensors = []
     for name, value in parameters.items():
         of_medium = _core.is_of_medium(name)
@@ -181,21 +222,43 @@ def _job(scene: Any, parameters: Mapping[str, Any], *, spp: int, spp_grad: int |
             raise InvalidInput(f"parameters: sigma_t and albedo are required; {name} is missing")
     in_colour = any(tensor.numel() == 3 for tensor in tensors) or scene._core.is_in_colour()
     spp, seed = whole("spp", spp, 1, _core.MAX_SPP), whole("seed", seed, 0, MAX_SEED)
-    return _Job(
-        scene=scene, names=tuple(parameters), in_colour=in_colour if colour is None else bool(colour), spp=spp,
-        spp_grad=spp if spp_grad is None else whole("spp_grad", spp_grad, 1, _core.MAX_SPP), seed=seed,
-        seed_grad=((seed + _OTHER_SAMPLES) & MAX_SEED) if seed_grad is None else whole("seed_grad", seed_grad, 0, MAX_SEED),
-        phase=phase), tensors
+    return (
+        _Job(
+            scene=scene,
+            names=tuple(parameters),
+            in_colour=in_colour if colour is None else bool(colour),
+            spp=spp,
+            spp_grad=spp if spp_grad is None else whole("spp_grad", spp_grad, 1, _core.MAX_SPP),
+            seed=seed,
+            seed_grad=(
+                ((seed + _OTHER_SAMPLES) & MAX_SEED)
+                if seed_grad is None
+                else whole("seed_grad", seed_grad, 0, MAX_SEED)
+            ),
+            phase=phase,
+        ),
+        tensors,
+    )
 
 
-def render(scene: Any, parameters: Mapping[str, Any], *, spp: int = 64, spp_grad: int | None = None, seed: int = 0,
-           seed_grad: int | None = None, phase: str | None = None, colour: bool | None = None,
-           threads: int | None = None) -> torch.Tensor:
+def render(
+    scene: Any,
+    parameters: Mapping[str, Any],
+    *,
+    spp: int = 64,
+    spp_grad: int | None = None,
+    seed: int = 0,
+    seed_grad: int | None = None,
+    phase: str | None = None,
+    colour: bool | None = None,
+    threads: int | None = None,
+) -> torch.Tensor:
     """Renders an image, (height, width) or in colour (height, width, 3), float32, on the CPU.
 
     scene: what itn.load or itn.scene returns, the path of a scene file, or a dictionary.
     parameters: tensors or numbers by name: sigma_t (1/mm) and albedo, g unless there is a phase (default 0), and
-        any of Scene.parameters. Without one of the medium, that of the scene's object. sigma_t and albedo may have three numbers, of red, green and blue; all others have
+        any of Scene.parameters. Without one of the medium, that of the scene's object. sigma_t and albedo may have
+        three numbers, of red, green and blue; all others have
         one.
     spp, seed: of the image. Take another seed in each step of an optimisation.
     spp_grad, seed_grad: of the gradient. Default: as many samples as the image's, and others, so that the gradient
@@ -205,14 +268,23 @@ def render(scene: Any, parameters: Mapping[str, Any], *, spp: int = 64, spp_grad
     The gradient takes about as long as the image, however many parameters there are, and in colour three times as
     long. It has no derivatives of its own. Raises what itn.render raises.
     """
-    job, tensors = _job(scene, parameters, spp=spp, spp_grad=spp_grad, seed=seed, seed_grad=seed_grad, phase=phase,
-                        colour=colour)
+    job, tensors = _job(
+        scene, parameters, spp=spp, spp_grad=spp_grad, seed=seed, seed_grad=seed_grad, phase=phase, colour=colour
+    )
     return _apply((job,), processors(threads), *tensors)[0]
 
 
-def render_batch(scenes: Any, parameters: Mapping[str, Any], *, spp: int = 64, spp_grad: int | None = None,
-                 seed: int = 0, phase: str | None = None, colour: bool | None = None,
-                 threads: int | None = None) -> torch.Tensor:
+def render_batch(
+    scenes: Any,
+    parameters: Mapping[str, Any],
+    *,
+    spp: int = 64,
+    spp_grad: int | None = None,
+    seed: int = 0,
+    phase: str | None = None,
+    colour: bool | None = None,
+    threads: int | None = None,
+) -> torch.Tensor:
     """Renders images at the same time, (batch, height, width) or (batch, height, width, 3).
 
     scenes: one for all images, or a sequence with one for each, all of one size.
@@ -220,17 +292,29 @@ def render_batch(scenes: Any, parameters: Mapping[str, Any], *, spp: int = 64, s
     seed: of the first image; those of the others follow.
     spp, spp_grad, phase, colour, threads: as of render().
     """
-    one_scene = isinstance(scenes, (Scene, str, os.PathLike))
+    one_scene = isinstance(scenes, (Scene, Mapping, str, os.PathLike))
     lengths = set() if one_scene else {len(scenes)}
     lengths |= {len(v) for v in parameters.values() if isinstance(v, torch.Tensor) and v.dim() > 0}
     if len(lengths) != 1 or 0 in lengths:
-        raise InvalidInput("scenes and parameters: they say how many images there are, all the same; not " +
-                           (" and ".join(map(str, sorted(lengths))) or "nothing"))
+        raise InvalidInput(
+            "scenes and parameters: they say how many images there are, all the same; not "
+            + (" and ".join(map(str, sorted(lengths))) or "nothing")
+        )
+    if one_scene:
+        scenes = as_scene(scenes)
     jobs, tensors = [], []
     for i in range(lengths.pop()):
         numbers = {name: v[i] if isinstance(v, torch.Tensor) and v.dim() > 0 else v for name, v in parameters.items()}
-        job, of_job = _job(scenes if one_scene else scenes[i], numbers, spp=spp, spp_grad=spp_grad,
-                           seed=(seed + i) & MAX_SEED, seed_grad=None, phase=phase, colour=colour)
+        job, of_job = _job(
+            scenes if one_scene else scenes[i],
+            numbers,
+            spp=spp,
+            spp_grad=spp_grad,
+            seed=(seed + i) & MAX_SEED,
+            seed_grad=None,
+            phase=phase,
+            colour=colour,
+        )
         jobs.append(job)
         tensors += of_job
     sizes = {(job.scene.width, job.scene.height, job.in_colour) for job in jobs}

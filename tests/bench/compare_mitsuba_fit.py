@@ -13,6 +13,7 @@ python3-venv). Mitsuba needs libLLVM 16 or later (Debian: libllvm19). itn is tak
 
 Exit codes: 0, 2 command line, 77 skipped since something is missing.
 """
+
 import argparse
 import json
 import pathlib
@@ -24,8 +25,8 @@ import time
 from renderer_setup import MITSUBA, enter_virtual_environment, find_llvm, skip
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-SIGMA_T, ALBEDO, G = 20.0, .9, .4
-NEAR = (.03, .01)
+SIGMA_T, ALBEDO, G = 20.0, 0.9, 0.4
+NEAR = (0.03, 0.01)
 SCENE = """<scene version="3.0.0">
   <integrator type="prbvolpath"><integer name="max_depth" value="-1"/><integer name="rr_depth" value="100"/></integrator>
   <shape type="cube" id="cube">
@@ -58,8 +59,13 @@ def parse_arguments():
     parser.add_argument("--runs", type=int, default=5, help="of each, with other random numbers (default: 5)")
     parser.add_argument("--steps", type=int, default=120, help="of Adam (default: 120)")
     parser.add_argument("--spp", type=int, default=32, help="of the image and of its gradient (default: 32)")
-    parser.add_argument("--venv", type=pathlib.Path, default=ROOT / "build/mitsuba-fit-venv", metavar="DIR",
-                        help="virtual environment; made when absent (default: build/mitsuba-fit-venv)")
+    parser.add_argument(
+        "--venv",
+        type=pathlib.Path,
+        default=ROOT / "build/mitsuba-fit-venv",
+        metavar="DIR",
+        help="virtual environment; made when absent (default: build/mitsuba-fit-venv)",
+    )
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     return parser.parse_args()
 
@@ -82,13 +88,17 @@ mi.set_variant("llvm_ad_mono")
 def fit_with_itn(path, seed, note):
     scene = itn.load(path)
     target = torch.from_numpy(itn.render(scene, sigma_t=SIGMA_T, albedo=ALBEDO, g=G, spp=8192, seed=12345).image)
-    log_sigma_t, logit_albedo = (torch.tensor(v, requires_grad=True) for v in (1.6, 0.))
-    optimizer = torch.optim.Adam([log_sigma_t, logit_albedo], lr=.1)
+    log_sigma_t, logit_albedo = (torch.tensor(v, requires_grad=True) for v in (1.6, 0.0))
+    optimizer = torch.optim.Adam([log_sigma_t, logit_albedo], lr=0.1)
     note(None)
     for step in range(ARGUMENTS.steps):
         optimizer.zero_grad()
-        image = itn.torch.render(scene, {"sigma_t": log_sigma_t.exp(), "albedo": logit_albedo.sigmoid(), "g": G},
-                                 spp=ARGUMENTS.spp, seed=seed * 1000 + step)
+        image = itn.torch.render(
+            scene,
+            {"sigma_t": log_sigma_t.exp(), "albedo": logit_albedo.sigmoid(), "g": G},
+            spp=ARGUMENTS.spp,
+            seed=seed * 1000 + step,
+        )
         (image - target).square().mean().backward()
         optimizer.step()
         note((log_sigma_t.exp().item(), logit_albedo.sigmoid().item()))
@@ -100,15 +110,17 @@ def fit_with_mitsuba(path, seed, note):
     dr.eval(target)
     params = mi.traverse(scene)
     sigma_t, albedo = (next(key for key in params.keys() if f"medium.{name}" in key) for name in ("sigma_t", "albedo"))
-    optimizer = mi.ad.Adam(lr=.1)
-    optimizer["sigma_t"], optimizer["albedo"] = mi.Float(1.6), mi.Float(0.)
+    optimizer = mi.ad.Adam(lr=0.1)
+    optimizer["sigma_t"], optimizer["albedo"] = mi.Float(1.6), mi.Float(0.0)
     dr.sync_thread()
     note(None)
     for step in range(ARGUMENTS.steps):
         params[sigma_t] = dr.exp(optimizer["sigma_t"])
         params[albedo] = 1 / (1 + dr.exp(-optimizer["albedo"]))
         params.update()
-        image = mi.render(scene, params, spp=ARGUMENTS.spp, seed=2 * (seed * 1000 + step), seed_grad=2 * (seed * 1000 + step) + 1)
+        image = mi.render(
+            scene, params, spp=ARGUMENTS.spp, seed=2 * (seed * 1000 + step), seed_grad=2 * (seed * 1000 + step) + 1
+        )
         loss = dr.mean(dr.square(image - target), axis=None)
         dr.backward(loss)
         optimizer.step()
@@ -132,9 +144,11 @@ def measure(fit, path, seed):
 
 def seconds_until_near(way):
     for last in range(9, len(way)):
-        last_ten = way[last - 9:last + 1]
-        errors = [abs(statistics.fmean(step[1 + i] for step in last_ten) / truth - 1)
-                  for i, truth in enumerate((SIGMA_T, ALBEDO))]
+        last_ten = way[last - 9 : last + 1]
+        errors = [
+            abs(statistics.fmean(step[1 + i] for step in last_ten) / truth - 1)
+            for i, truth in enumerate((SIGMA_T, ALBEDO))
+        ]
         if all(error < near for error, near in zip(errors, NEAR)):
             return way[last][0]
     return None
@@ -152,20 +166,35 @@ def main():
     found = {}
     for name, of_name in ways.items():
         until = [seconds_until_near(way) for way in of_name]
-        last = [[statistics.fmean(step[1 + i] for step in way[-20:]) / truth - 1
-                 for i, truth in enumerate((SIGMA_T, ALBEDO))] for way in of_name]
-        found[name] = {"seconds_until_near": until, "seconds_a_step": statistics.median(way[-1][0] / len(way) for way in of_name),
-                       "error_sigma_t": [e[0] for e in last], "error_albedo": [e[1] for e in last]}
+        last = [
+            [
+                statistics.fmean(step[1 + i] for step in way[-20:]) / truth - 1
+                for i, truth in enumerate((SIGMA_T, ALBEDO))
+            ]
+            for way in of_name
+        ]
+        found[name] = {
+            "seconds_until_near": until,
+            "seconds_a_step": statistics.median(way[-1][0] / len(way) for way in of_name),
+            "error_sigma_t": [e[0] for e in last],
+            "error_albedo": [e[1] for e in last],
+        }
     if ARGUMENTS.json:
         print(json.dumps(found))
         return
     for name, of_name in found.items():
         reached = [s for s in of_name["seconds_until_near"] if s is not None]
-        print(f"{name:8} {1e3 * of_name['seconds_a_step']:.0f} ms a step; near after "
-              f"{statistics.median(reached):.2f} s" if reached else f"{name:8} not near",
-              f"({len(reached)} of {ARGUMENTS.runs} runs); in the end sigma_t is off by "
-              f"{100 * statistics.fmean(of_name['error_sigma_t']):+.1f} %, albedo by "
-              f"{100 * statistics.fmean(of_name['error_albedo']):+.1f} %")
+        print(
+            (
+                f"{name:8} {1e3 * of_name['seconds_a_step']:.0f} ms a step; near after "
+                f"{statistics.median(reached):.2f} s"
+                if reached
+                else f"{name:8} not near"
+            ),
+            f"({len(reached)} of {ARGUMENTS.runs} runs); in the end sigma_t is off by "
+            f"{100 * statistics.fmean(of_name['error_sigma_t']):+.1f} %, albedo by "
+            f"{100 * statistics.fmean(of_name['error_albedo']):+.1f} %",
+        )
 
 
 main()

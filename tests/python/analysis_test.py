@@ -1,4 +1,5 @@
 """Materials from images in Python, through the programs."""
+
 import copy
 import gc
 import os
@@ -35,12 +36,14 @@ class Analyses(unittest.TestCase):
                 answer.write(f"{folder}/mug.txt")
 
     def test_read_arrays_and_renders(self):
-        done = itn.render(EXAMPLES / "cube.textproto", sigma_t=10, albedo=[.9, .8, .6], spp=64, resolution=64)
-        answers = [itn.predict(done.image, mask=mask)
-                   for mask in (done.mask, done.mask > .5, (255 * (done.mask > .5)).astype(np.uint8))]
-        answers.append(itn.predict(done.image.astype(np.float64), mask=(done.mask > .5).tolist()))
+        done = itn.render(EXAMPLES / "cube.textproto", sigma_t=10, albedo=[0.9, 0.8, 0.6], spp=64, resolution=64)
+        answers = [
+            itn.predict(done.image, mask=mask)
+            for mask in (done.mask, done.mask > 0.5, (255 * (done.mask > 0.5)).astype(np.uint8))
+        ]
+        answers.append(itn.predict(done.image.astype(np.float64), mask=(done.mask > 0.5).tolist()))
         for answer in answers:
-            np.testing.assert_allclose(answer.albedo, answers[1].albedo, rtol=.02)
+            np.testing.assert_allclose(answer.albedo, answers[1].albedo, rtol=0.02)
         self.assertEqual(itn.predict(done, frame="object").sigma_t.shape, (3,))
         both = itn.predict([EXAMPLES / "knot_1.jpg", EXAMPLES / "knot_2.jpg"], mask=EXAMPLES / "knot_masks")
         self.assertEqual(both.albedo.shape, (3,))
@@ -51,12 +54,27 @@ class Analyses(unittest.TestCase):
         with self.assertRaisesRegex(itn.InvalidInput, "linear radiance"):
             itn.predict(np.zeros((8, 8, 3), np.uint8))
 
+    def test_read_many(self):
+        done = itn.render(EXAMPLES / "cube.textproto", sigma_t=10, albedo=[0.9, 0.8, 0.6], spp=64, resolution=64)
+        dark = np.zeros((32, 32), np.float32)
+        found = itn.predict_many(
+            [done.image, dark, EXAMPLES / "mug.jpg"], masks=[done.mask, dark + 1, EXAMPLES / "mug_mask.png"]
+        )
+        self.assertIsInstance(found[1], itn.Error)
+        np.testing.assert_array_equal(found[0].albedo, itn.predict(done.image, mask=done.mask).albedo)
+        np.testing.assert_array_equal(
+            found[2].albedo, itn.predict(EXAMPLES / "mug.jpg", mask=EXAMPLES / "mug_mask.png").albedo
+        )
+        self.assertEqual(itn.predict_many([]), [])
+        with self.assertRaisesRegex(itn.InvalidInput, "1, and 2"):
+            itn.predict_many([done, done], masks=[done.mask])
+
     def test_find_the_material_of_a_render(self):
         scene = itn.load(EXAMPLES / "cube.textproto").resized(48)
-        done = itn.render(scene, sigma_t=20, albedo=.8, g=.3, spp=256)
-        answer = copy.deepcopy(itn.refine(done, scene.to_dict(), time_limit=10))
+        done = itn.render(scene, sigma_t=20, albedo=0.8, g=0.3, spp=256)
+        answer = copy.deepcopy(itn.refine(done, scene.to_dict(), max_iterations=10))
         self.assertFalse(answer.misfit)
-        self.assertLess(abs(answer.albedo[0] - .8), .05)
+        self.assertLess(abs(answer.albedo[0] - 0.8), 0.05)
         self.assertEqual(answer.percent, 95)
         with tempfile.TemporaryDirectory() as folder:
             pickle.loads(pickle.dumps(answer)).write(f"{folder}/cube.xml")
@@ -64,10 +82,10 @@ class Analyses(unittest.TestCase):
 
     def test_find_materials_of_images_in_colour(self):
         scene = itn.load(EXAMPLES / "cube.textproto").resized(32)
-        done = itn.render(scene, sigma_t=20, albedo=[.9, .8, .6], g=.3, spp=256)
-        answer = itn.refine(done, scene, time_limit=10)
+        done = itn.render(scene, sigma_t=20, albedo=[0.9, 0.8, 0.6], g=0.3, spp=256)
+        answer = itn.refine(done, scene, max_iterations=10)
         self.assertEqual(answer.albedo.shape, (3,))
-        np.testing.assert_allclose(answer.albedo, [.9, .8, .6], atol=.08)
+        np.testing.assert_allclose(answer.albedo, [0.9, 0.8, 0.6], atol=0.08)
 
     def test_leave_no_files_behind(self):
         with tempfile.TemporaryDirectory() as folder, unittest.mock.patch.object(tempfile, "tempdir", folder):
@@ -97,10 +115,20 @@ class Analyses(unittest.TestCase):
 
 class Flags(unittest.TestCase):
     def test_are_those_of_the_command_line(self):
-        self.assertEqual(programs.arguments({"object_size": 82, "matt": True, "quiet": False, "mask": None,
-                                             "gray_card": (1, 2, 3, 4), "index": 1.5, "panorama_turn": np.array([1.5, 2])}),
-                         ["--object-size", "82", "--matt", "--gray-card", "1,2,3,4", "--index", "1.5", "--panorama-turn",
-                          "1.5,2.0"])
+        self.assertEqual(
+            programs.arguments(
+                {
+                    "object_size": 82,
+                    "matt": True,
+                    "quiet": False,
+                    "mask": None,
+                    "gray_card": (1, 2, 3, 4),
+                    "index": 1.5,
+                    "panorama_turn": np.array([1.5, 2]),
+                }
+            ),
+            ["--object-size", "82", "--matt", "--gray-card", "1,2,3,4", "--index", "1.5", "--panorama-turn", "1.5,2.0"],
+        )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
 """Datasets in Python: what is in their files, and how PyTorch reads them."""
+
 import pathlib
 import subprocess
 import tempfile
@@ -20,9 +21,26 @@ class Datasets(unittest.TestCase):
         cls.temporary = tempfile.TemporaryDirectory()
         cls.folders = {name: f"{cls.temporary.name}/{name}" for name in ("gray", "colour")}
         for name, flags in (("gray", []), ("colour", ["--preset", "real"])):
-            subprocess.run([programs.find("itn"), "dataset", cls.folders[name], "--random-shapes", "6", "--count", "12",
-                            "--resolution", "16", "--noise", "100%", "--test-fraction", "0.34", "--quiet", *flags],
-                           check=True)
+            subprocess.run(
+                [
+                    programs.find("itn"),
+                    "dataset",
+                    cls.folders[name],
+                    "--random-shapes",
+                    "6",
+                    "--count",
+                    "12",
+                    "--resolution",
+                    "16",
+                    "--noise",
+                    "100%",
+                    "--test-fraction",
+                    "0.34",
+                    "--quiet",
+                    *flags,
+                ],
+                check=True,
+            )
 
     @classmethod
     def tearDownClass(cls):
@@ -42,8 +60,13 @@ class Datasets(unittest.TestCase):
         np.testing.assert_array_equal(item["image"][..., 2], layers["B"])
         self.assertEqual(item["albedo"].shape, (3,))
         self.assertTrue((item["g"] == item["g"][0]).all())
-        shapes = {split: {itn.Dataset(self.folders["colour"], split).shape_of(i) for i in range(
-            len(itn.Dataset(self.folders["colour"], split)))} for split in ("train", "test")}
+        shapes = {
+            split: {
+                itn.Dataset(self.folders["colour"], split).shape_of(i)
+                for i in range(len(itn.Dataset(self.folders["colour"], split)))
+            }
+            for split in ("train", "test")
+        }
         self.assertFalse(shapes["train"] & shapes["test"])
         gray = itn.Dataset(self.folders["gray"])[0]
         self.assertEqual((gray["image"].shape, gray["sigma_t"].shape), ((16, 16), (1,)))

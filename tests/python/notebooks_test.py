@@ -1,4 +1,5 @@
 """The notebooks of docs/notebooks: their code runs, cell by cell, as it stands there."""
+
 import ast
 import json
 import os

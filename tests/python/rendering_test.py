@@ -1,4 +1,5 @@
 """Renders in Python: the bits of the program's, arrays that are one's own, and clear errors."""
+
 import pathlib
 import subprocess
 import tempfile
@@ -12,20 +13,47 @@ from itn import _core, programs
 
 EXAMPLES = pathlib.Path(__file__).resolve().parents[2] / "client/examples"
 CUBE = itn.load(EXAMPLES / "cube.textproto").resized(24)
-MEDIUM = {"sigma_t": 20, "albedo": .8, "g": .3}
+MEDIUM = {"sigma_t": 20, "albedo": 0.8, "g": 0.3}
 
 
 class Renders(unittest.TestCase):
     def layers_of_program(self, *flags):
         with tempfile.TemporaryDirectory() as folder:
             path = f"{folder}/image.exr"
-            subprocess.run([programs.find("itn"), "render", EXAMPLES / "cube.textproto", "-o", path, "--resolution", "24", "--quiet",
-                            *flags], check=True, stdout=subprocess.DEVNULL)
+            subprocess.run(
+                [
+                    programs.find("itn"),
+                    "render",
+                    EXAMPLES / "cube.textproto",
+                    "-o",
+                    path,
+                    "--resolution",
+                    "24",
+                    "--quiet",
+                    *flags,
+                ],
+                check=True,
+                stdout=subprocess.DEVNULL,
+            )
             return dict(_core.read_exr(path))
 
     def test_are_those_of_the_program_bit_for_bit(self):
-        layers = self.layers_of_program("--sigma-t", "20", "--albedo", "0.8", "--g", "0.3", "--spp", "50", "--seed", "7",
-                                        "--derivatives", "sigma_t,surface[0].reflectance", "--estimates", "2")
+        layers = self.layers_of_program(
+            "--sigma-t",
+            "20",
+            "--albedo",
+            "0.8",
+            "--g",
+            "0.3",
+            "--spp",
+            "50",
+            "--seed",
+            "7",
+            "--derivatives",
+            "sigma_t,surface[0].reflectance",
+            "--estimates",
+            "2",
+        )
         names = ["sigma_t", "surface[0].reflectance"]
         done = itn.render(CUBE, **MEDIUM, spp=50, seed=7, derivatives=names, estimates=2)
         np.testing.assert_array_equal(done.image, layers["Y"])
@@ -38,27 +66,50 @@ class Renders(unittest.TestCase):
             np.testing.assert_array_equal(done.derivative_estimates[name][1], layers[f"estimate1.{name}.Y"])
 
     def test_are_in_colour_by_three_numbers(self):
-        layers = self.layers_of_program("--sigma-t", "20", "--albedo", "0.9,0.8,0.5", "--spp", "16", "--derivatives", "albedo")
-        done = itn.render(CUBE, sigma_t=20, albedo=np.array([.9, .8, .5]), spp=16, derivatives="albedo")
+        layers = self.layers_of_program(
+            "--sigma-t", "20", "--albedo", "0.9,0.8,0.5", "--spp", "16", "--derivatives", "albedo"
+        )
+        done = itn.render(CUBE, sigma_t=20, albedo=np.array([0.9, 0.8, 0.5]), spp=16, derivatives="albedo")
         self.assertEqual(done.image.shape, (24, 24, 3))
         for c, name in enumerate("RGB"):
             np.testing.assert_array_equal(done.image[..., c], layers[name])
             np.testing.assert_array_equal(done.derivatives["albedo"][..., c], layers[f"albedo.{name}"])
-        self.assertEqual([m[1] for m in done.materials], [.9, .8, .5])
+        self.assertEqual([m[1] for m in done.materials], [0.9, 0.8, 0.5])
 
     def test_take_values_of_the_scene_and_measured_media(self):
-        self.assertGreater(itn.render(CUBE, **MEDIUM, values={"light[0].scale": 2}, spp=8).image.sum(),
-                           1.9 * itn.render(CUBE, **MEDIUM, spp=8).image.sum())
+        self.assertGreater(
+            itn.render(CUBE, **MEDIUM, values={"light[0].scale": 2}, spp=8).image.sum(),
+            1.9 * itn.render(CUBE, **MEDIUM, spp=8).image.sum(),
+        )
         marble = itn.materials()["marble"]
         done = itn.render(CUBE.to_dict(), medium=marble, object_size=10, spp=8, colour=True, resolution=(24, 24))
         self.assertEqual([m[1] for m in done.materials], list(marble.albedo))
         np.testing.assert_allclose([m[0] for m in done.materials], 10 * np.array(marble.sigma_t))
 
     def test_end_when_they_are_good_enough(self):
-        done = itn.render(CUBE, **MEDIUM, noise=.2)
-        self.assertLessEqual(done.noise, .2)
-        self.assertGreater(done.noise, .1)
-        self.assertLess(itn.render(CUBE, **MEDIUM, time=.2).seconds, 60)
+        done = itn.render(CUBE, **MEDIUM, noise=0.2)
+        self.assertLessEqual(done.noise, 0.2)
+        self.assertGreater(done.noise, 0.1)
+        self.assertLess(itn.render(CUBE, **MEDIUM, time=0.2).seconds, 60)
+
+    def test_say_that_they_did_not_get_there(self):
+        with self.assertWarnsRegex(UserWarning, "the noise is .*, not 0.1 %"):
+            itn.render(CUBE, **MEDIUM, noise=0.001, spp=64, estimates=16)
+        stop = itn.Stop()
+        with self.assertRaises(itn.Cancelled):
+            itn.render(CUBE, **MEDIUM, noise=1e-6, stop=stop, progress=lambda part: part < 0.5 or stop.request())
+
+    def test_are_of_the_luminance_without_colour(self):
+        gray = itn.render(CUBE.coloured(), **MEDIUM, spp=8, colour=False)
+        np.testing.assert_array_equal(gray.image, itn.render(CUBE.coloured(False), **MEDIUM, spp=8).image)
+        self.assertEqual(itn.render(CUBE.coloured(), **MEDIUM, spp=8).image.shape, (24, 24, 3))
+
+    def test_hand_on_what_ends_them(self):
+        def progress(_):
+            raise SystemExit(3)
+
+        with self.assertRaises(SystemExit):
+            list(itn.render_many([{"scene": CUBE, **MEDIUM, "spp": 4, "progress": progress}]))
 
     def test_give_arrays_that_are_the_callers(self):
         first, second = (itn.render(CUBE, **MEDIUM, spp=4, derivatives=["g"]) for _ in range(2))
@@ -105,25 +156,58 @@ class Renders(unittest.TestCase):
                 break
 
     def test_come_from_workers(self):
-        with tempfile.TemporaryDirectory() as folder, subprocess.Popen(
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            subprocess.Popen(
                 [programs.find("itn-worker"), "--listen", f"unix:{folder}/w"],
-                stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as worker:
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+            ) as worker,
+        ):
             try:
                 worker.stdout.readline()
                 names = ["g", "surface[0].reflectance"]
-                for options in ({**MEDIUM, "estimates": 2}, {"sigma_t": 20, "albedo": [.9, .8, .6]},
-                                {**MEDIUM, "values": {"light[0].scale": 1.5}}):
-                    there, here = (itn.render(CUBE, **options, spp=9, seed=3, derivatives=names, workers=workers)
-                                   for workers in (f"unix:{folder}/w", None))
+                for options in (
+                    {**MEDIUM, "estimates": 2},
+                    {"sigma_t": 20, "albedo": [0.9, 0.8, 0.6]},
+                    {"medium": itn.materials()["marble"]},
+                    {**MEDIUM, "colour": False},
+                    {
+                        "sigma_t": 20,
+                        "albedo": list(np.array([0.9, 0.8, 0.6])),
+                        "values": {"light[0].scale": np.float64(1.5)},
+                    },
+                ):
+                    there, here = (
+                        itn.render(CUBE, **options, spp=9, seed=3, derivatives=names, workers=workers)
+                        for workers in (f"unix:{folder}/w", None)
+                    )
                     self.assertEqual(there.materials, here.materials)
-                    for there_, here_ in ((there, here), (there.derivatives, here.derivatives),
-                                          (there.derivative_stderr, here.derivative_stderr),
-                                          (there.derivative_estimates, here.derivative_estimates)):
-                        held = there_ if isinstance(there_, dict) else {
-                            name: getattr(there_, name) for name in ("image", "stderr", "mask", "estimates")}
+                    for there_, here_ in (
+                        (there, here),
+                        (there.derivatives, here.derivatives),
+                        (there.derivative_stderr, here.derivative_stderr),
+                        (there.derivative_estimates, here.derivative_estimates),
+                    ):
+                        held = (
+                            there_
+                            if isinstance(there_, dict)
+                            else {name: getattr(there_, name) for name in ("image", "stderr", "mask", "estimates")}
+                        )
                         for name, array in held.items():
                             expected = here_[name] if isinstance(here_, dict) else getattr(here_, name)
                             np.testing.assert_array_equal(array, expected)
+                many = dict(
+                    itn.render_many(
+                        {"scene": CUBE, **MEDIUM, "spp": 4, "workers": f"unix:{folder}/w", "seed": i} for i in range(3)
+                    )
+                )
+                self.assertEqual(len(many), 3)
+                stop = itn.Stop()
+                threading.Timer(0.5, stop.request).start()
+                with self.assertRaises(itn.Cancelled):
+                    itn.render(CUBE, sigma_t=200, albedo=0.999, spp=1 << 20, workers=f"unix:{folder}/w", stop=stop)
             finally:
                 worker.terminate()
         with self.assertRaisesRegex(itn.Unavailable, "127.0.0.1:1"):
@@ -131,16 +215,32 @@ class Renders(unittest.TestCase):
 
     def test_say_what_is_wrong(self):
         for message, wrong in {
-            "material.albedo is 2": {"albedo": 2}, "material.sigma_t is -1": {"sigma_t": -1},
-            "sigma_t .* are both required": {"sigma_t": None}, "give a measured medium, or numbers": {"medium": "marble"},
-            "albedo nan": {"albedo": float("nan")}, "three of red": {"albedo": [1, 2]}, "spp 0": {"spp": 0},
-            "seed -1": {"seed": -1}, "estimates 17": {"estimates": 17}, "tracer": {"tracer": "fast"},
-            "nonsense is not a parameter": {"derivatives": ["nonsense"]}, "light\\[7\\]": {"values": {"light[7].scale": 1}},
-            "noise 0": {"noise": 0}, "pilot": {"noise": .1, "pilot_spp": 2}, "threads 0": {"threads": 0},
-            "phase": {"phase": "one_term {}", "g": None}, "resolution 'big'": {"resolution": "big"}, "colour=False": {"albedo": [.9, .8, .7], "colour": False},
-            "sigma_t is of the medium": {"values": {"sigma_t": 8}}, "pixels None": {"pixels": None}, "stop 1": {"stop": 1},
-            "values .* dictionary": {"values": [1]}, "sigma_t '5'": {"sigma_t": "5"}, "phase 5": {"phase": 5, "g": None},
-            "width True": {"resolution": True}, "65535": {"resolution": 70000},
+            "material.albedo is 2": {"albedo": 2},
+            "material.sigma_t is -1": {"sigma_t": -1},
+            "sigma_t .* are both required": {"sigma_t": None},
+            "give a measured medium, or numbers": {"medium": "marble"},
+            "albedo nan": {"albedo": float("nan")},
+            "three of red": {"albedo": [1, 2]},
+            "spp 0": {"spp": 0},
+            "seed -1": {"seed": -1},
+            "estimates 17": {"estimates": 17},
+            "tracer": {"tracer": "fast"},
+            "nonsense is not a parameter": {"derivatives": ["nonsense"]},
+            "light\\[7\\]": {"values": {"light[7].scale": 1}},
+            "noise 0": {"noise": 0},
+            "pilot": {"noise": 0.1, "pilot_spp": 2},
+            "threads 0": {"threads": 0},
+            "phase": {"phase": "one_term {}", "g": None},
+            "resolution 'big'": {"resolution": "big"},
+            "colour=False": {"albedo": [0.9, 0.8, 0.7], "colour": False},
+            "sigma_t is of the medium": {"values": {"sigma_t": 8}},
+            "pixels None": {"pixels": None},
+            "stop 1": {"stop": 1},
+            "values .* dictionary": {"values": [1]},
+            "sigma_t '5'": {"sigma_t": "5"},
+            "phase 5": {"phase": 5, "g": None},
+            "width True": {"resolution": True},
+            "65535": {"resolution": 70000},
         }.items():
             with self.subTest(message), self.assertRaisesRegex(ValueError, message):
                 itn.render(CUBE, **{**MEDIUM, **wrong})
@@ -175,7 +275,7 @@ class Renders(unittest.TestCase):
 
         def render():
             try:
-                itn.render(CUBE, sigma_t=200, albedo=.999, spp=1 << 20, stop=stop, progress=lambda _: begun.set())
+                itn.render(CUBE, sigma_t=200, albedo=0.999, spp=1 << 20, stop=stop, progress=lambda _: begun.set())
             except itn.Cancelled as error:
                 errors.append(error)
 
@@ -191,7 +291,7 @@ class Renders(unittest.TestCase):
             raise RuntimeError("enough")
 
         with self.assertRaisesRegex(RuntimeError, "enough"):
-            itn.render(CUBE, sigma_t=200, albedo=.999, spp=1 << 20, progress=progress)
+            itn.render(CUBE, sigma_t=200, albedo=0.999, spp=1 << 20, progress=progress)
 
 
 if __name__ == "__main__":

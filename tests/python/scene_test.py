@@ -1,4 +1,5 @@
 """Scenes in Python: what goes in comes out, and what is wrong is said."""
+
 import copy
 import pathlib
 import pickle
@@ -8,6 +9,7 @@ import warnings
 
 import itn
 import numpy as np
+from itn import _core
 
 EXAMPLES = pathlib.Path(__file__).resolve().parents[2] / "client/examples"
 
@@ -42,26 +44,28 @@ class Scenes(unittest.TestCase):
         self.assertNotIn("light[1].scale", numbers)
 
     def test_take_triangles_of_arrays(self):
-        corners = np.array([[x, y, z] for x in (-.5, .5) for y in (0., 1.) for z in (-.5, .5)])
+        corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (0.0, 1.0) for z in (-0.5, 0.5)])
         quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
         triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
         held = self.scene.to_dict()
         held["object"]["mesh"] = {"triangles": {"positions": corners, "indices": triangles}}
         scene = itn.scene(held)
         scene.check()
-        mask = itn.render(scene, sigma_t=5, albedo=.9, spp=4, resolution=16).mask
-        expected = itn.render(self.scene, sigma_t=5, albedo=.9, spp=4, resolution=16).mask
+        mask = itn.render(scene, sigma_t=5, albedo=0.9, spp=4, resolution=16).mask
+        expected = itn.render(self.scene, sigma_t=5, albedo=0.9, spp=4, resolution=16).mask
         np.testing.assert_array_equal(mask, expected)
         again = scene.to_dict()["object"]["mesh"]["triangles"]
         np.testing.assert_array_equal(again["positions"], corners.astype(np.float32))
         np.testing.assert_array_equal(again["indices"], triangles)
         held["object"]["mesh"]["triangles"] = {"positions": (2 * corners).astype(int), "indices": triangles.tolist()}
-        self.assertEqual(itn.render(itn.scene(held), sigma_t=5, albedo=.9, spp=4, resolution=16).mask.shape, (16, 16))
-        for message, wrong in {"indices: .* whole numbers from 0": {"indices": triangles - 1},
-                               "indices: .* whole": {"indices": triangles + .5},
-                               "indices: .* \\(8, 4\\)": {"indices": np.zeros((8, 4), int)},
-                               "positions: .* \\(8, 2\\)": {"positions": corners[:, :2]},
-                               "positions: .* numbers": {"positions": [["a", "b", "c"]]}}.items():
+        self.assertEqual(itn.render(itn.scene(held), sigma_t=5, albedo=0.9, spp=4, resolution=16).mask.shape, (16, 16))
+        for message, wrong in {
+            "indices: .* whole numbers from 0": {"indices": triangles - 1},
+            "indices: .* whole": {"indices": triangles + 0.5},
+            "indices: .* \\(8, 4\\)": {"indices": np.zeros((8, 4), int)},
+            "positions: .* \\(8, 2\\)": {"positions": corners[:, :2]},
+            "positions: .* numbers": {"positions": [["a", "b", "c"]]},
+        }.items():
             spoiled = {"object": {"mesh": {"triangles": {"positions": corners, "indices": triangles, **wrong}}}}
             with self.subTest(message), self.assertRaisesRegex(itn.InvalidInput, message):
                 itn.scene(spoiled)
@@ -69,7 +73,7 @@ class Scenes(unittest.TestCase):
     def test_take_vectors_of_three_numbers_and_paths(self):
         held = self.scene.to_dict()
         held["camera"]["origin"] = [0, 9.28, -32.8]
-        held["camera"]["target"] = np.array([0, .5, 0])
+        held["camera"]["target"] = np.array([0, 0.5, 0])
         self.assertEqual(itn.scene(held), self.scene)
         held["object"]["mesh"] = {"path": pathlib.Path("nowhere.ply")}
         with self.assertRaisesRegex(itn.FileError, "nowhere.ply"):
@@ -81,7 +85,9 @@ class Scenes(unittest.TestCase):
     def test_take_panoramas_of_any_numbers(self):
         def image(pixels):
             lights = [{"environment_map": {"pixels": {"width": 2, "height": 1, "rgb": pixels}}}]
-            return itn.render({**self.scene.to_dict(), "lights": lights}, sigma_t=5, albedo=.9, spp=4, resolution=8).image
+            return itn.render(
+                {**self.scene.to_dict(), "lights": lights}, sigma_t=5, albedo=0.9, spp=4, resolution=8
+            ).image
 
         expected = image(np.ones((2, 3), np.float32))
         self.assertGreater(expected.mean(), 0)
@@ -95,6 +101,15 @@ class Scenes(unittest.TestCase):
         for wrong in (0, -1, 1.5, "8"):
             with self.assertRaises(itn.InvalidInput):
                 self.scene.resized(wrong)
+
+    def test_warn_of_their_files(self):
+        with tempfile.TemporaryDirectory() as folder:
+            pixels = np.ones((2, 4), np.float32)
+            pixels[0, 0] = -0.001
+            _core.write_exr(f"{folder}/room.exr", [("Y", pixels)])
+            lights = [{"environment_map": {"path": "room.exr"}}]
+            with self.assertWarnsRegex(UserWarning, "room.exr"):
+                itn.scene({**self.scene.to_dict(), "lights": lights}, folder=folder)
 
     def test_say_what_is_wrong(self):
         with self.assertRaisesRegex(itn.FileError, "nowhere.textproto"):

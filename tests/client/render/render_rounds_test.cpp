@@ -27,6 +27,20 @@ TEST(RenderRounds, AreOneWithoutAnEarlierEnd) {
   EXPECT_EQ(next_round(goal, {.spp = 100}), 0U);
 }
 
+TEST(RenderRounds, HaveASampleForEachEstimate) {
+  for (const uint32_t spp : {70U, 64U, 65U, 1000U}) {
+    const RenderGoal goal{.noise = 1e-4, .spp = spp, .estimates = 16};
+    RenderedSoFar so_far{.noise = 1};
+    while (const uint32_t round = next_round(goal, so_far)) {
+      EXPECT_GE(round, 16U);
+      so_far.spp += round;
+      ++so_far.rounds;
+      EXPECT_TRUE(so_far.spp == spp || so_far.spp % 16 == 0);
+    }
+    EXPECT_EQ(so_far.spp, spp);
+  }
+}
+
 TEST(RenderRounds, GoOnAsLongAsTheNoiseNeeds) {
   const RenderGoal goal{.noise = 0.01, .spp = 1 << 20, .estimates = 3};
   EXPECT_EQ(next_round(goal, {}), 6U);  // divided by the estimates
