@@ -14,5 +14,8 @@ trap 'rm -rf "$made"' EXIT
 build/python/bin/pip wheel -q --disable-pip-version-check --no-deps -w "$made" .
 excluded=()
 for library in torch c10 OpenImageIO opencv heif; do excluded+=(--exclude "lib$library*"); done
-PATH=$PWD/build/python/bin:$PATH auditwheel -q repair "${excluded[@]}" -w "$out" "$made"/itn-*.whl
+PATH=$PWD/build/python/bin:$PATH auditwheel repair "${excluded[@]}" -w "$out" "$made"/itn-*.whl 2>"$made/log" || {
+  cat "$made/log" >&2
+  exit 1
+}
 ls "$out"/itn-*.whl

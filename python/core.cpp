@@ -45,6 +45,7 @@
 #include "common/error.h"
 #include "common/files/read_file.h"
 #include "common/render_limits.h"
+#include "common/scene/material_proto.h"
 #include "common/scene/wire_array.h"
 #include "itn/v1/dataset.pb.h"
 #include "server/renderer.h"
@@ -191,9 +192,8 @@ std::pair<std::vector<std::string>, std::vector<std::string>> scene_fields() {
 }
 
 struct PyImport {
-  PyScene scene;
-  std::optional<std::vector<std::tuple<double, double, double>>> medium;
-  std::string phase;
+  PyScene scene;      // its object has the medium, unless that has another phase function
+  std::string phase;  // then
   std::vector<std::string> not_carried_over;
 };
 
@@ -206,14 +206,18 @@ PyImport import_scene(const std::string& path, double mm_per_unit,
   options.definitions = {definitions.begin(), definitions.end()};
   ImportedScene imported = import_mitsuba(path, options);
   PyImport result{.scene = {std::move(imported.scene)},
-                  .medium = {},
                   .phase = imported.phase,
                   .not_carried_over = imported.not_carried_over};
-  load_files(result.scene.message, folder);
-  if (imported.medium) {
-    result.medium.emplace();
+  v1::Scene& scene = result.scene.message;
+  load_files(scene, folder);
+  if (!imported.medium) return result;
+  const auto& [red, green, blue] = *imported.medium;
+  if (red == green && red == blue) {
+    *scene.mutable_object()->add_material() = to_proto(red);
+  } else {
     for (const Material& m : *imported.medium)
-      result.medium->emplace_back(m.sigma_t, m.albedo, m.g);
+      *scene.mutable_object()->add_material() = to_proto(m);
+    scene.mutable_film()->set_channel(v1::Film::RGB);
   }
   return result;
 }
@@ -569,7 +573,6 @@ NB_MODULE(_core, module) {
 
   nb::class_<PyImport>(module, "Import")
       .def_ro("scene", &PyImport::scene)
-      .def_ro("medium", &PyImport::medium)
       .def_ro("phase", &PyImport::phase)
       .def_ro("not_carried_over", &PyImport::not_carried_over);
   module.def("import_mitsuba", import_scene);

@@ -116,7 +116,7 @@ def load(
     """Reads a scene: a scene file of itn, or an XML file of Mitsuba (0.6 or 3).
 
     `mm_per_unit` and `definitions`, the values of a file's $names, are of Mitsuba's files alone. What
-    of such a file has no counterpart here is said by a warning. Raises FileError and InvalidInput.
+    of such a file has no counterpart here is said by a warning. Its medium is that of the scene's object. Raises FileError and InvalidInput.
     """
     if not isinstance(path, (str, os.PathLike)):
         raise InvalidInput(f"path {type(path).__name__}: itn.load reads a file; itn.scene takes dictionaries")
@@ -129,6 +129,8 @@ def load(
     imported = _core.import_mitsuba(name, float(mm_per_unit), given)
     for sentence in imported.not_carried_over:
         warn(f"{name}: {sentence}")
+    if imported.phase:
+        warn(f"{name}: its phase function is for the argument phase of itn.render, not in the scene: {imported.phase}")
     return _said(imported.scene)
 
 
