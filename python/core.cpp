@@ -39,7 +39,6 @@
 #include "client/render/local_renderer.h"
 #include "client/render/render_rounds.h"
 #include "client/render/reply_images.h"
-#include "client/render/tiles.h"
 #include "client/scene/scene_file.h"
 #include "client/scene/text_proto.h"
 #include "common/error.h"
@@ -157,6 +156,13 @@ struct Stop {
 struct PyScene {
   v1::Scene message;
 };
+
+// (sigma_t, albedo, g) of each channel.
+using Materials = std::vector<std::tuple<double, double, double>>;
+
+void add(const Material& material, Materials& materials) {
+  materials.emplace_back(material.sigma_t, material.albedo, material.g);
+}
 
 PyScene scene_of_json(const std::string& json, const std::string& folder) {
   PyScene scene;
@@ -359,21 +365,15 @@ std::vector<std::pair<std::string, Array>> read_planes(const std::string& path) 
 }
 
 // Of each item of a dataset: its file, split, shape, and the materials of its channels.
-std::vector<std::tuple<std::string, std::string, std::string,
-                       std::vector<std::tuple<double, double, double>>>>
-read_manifest(const std::string& path) {
+using Item = std::tuple<std::string, std::string, std::string, Materials>;
+std::vector<Item> read_manifest(const std::string& path) {
   v1::Dataset dataset;
   parse_text_proto(read_file(path, "dataset's manifest"), path, dataset);
-  std::vector<std::tuple<std::string, std::string, std::string,
-                         std::vector<std::tuple<double, double, double>>>>
-      items;
+  std::vector<Item> items;
   for (const v1::DatasetItem& item : dataset.items()) {
-    std::vector<std::tuple<double, double, double>> materials;
-    const auto add = [&](const v1::Material& m) {
-      materials.emplace_back(m.sigma_t(), m.albedo(), m.g());
-    };
-    for (const v1::Material& material : item.colours()) add(material);
-    if (item.colours().empty()) add(item.material());
+    Materials materials;
+    for (const v1::Material& m : item.colours()) add(from_proto(m), materials);
+    if (item.colours().empty()) add(from_proto(item.material()), materials);
     const std::string split = item.split() == v1::SPLIT_TEST         ? "test"
                               : item.split() == v1::SPLIT_VALIDATION ? "validation"
                                                                      : "train";
@@ -401,17 +401,6 @@ struct PyRequest {
 void set_phase(PyRequest& request, const std::string& text) {
   request.image.phase.reset();
   if (!text.empty()) parse_text_proto(text, "phase", request.image.phase.emplace());
-}
-
-void set_pixels(PyRequest& request, const std::string& pixels) {
-  require(pixels == "all" || pixels == "object", "pixels: it is 'all' or 'object'");
-  request.image.pixels = pixels == "object" ? v1::OBJECT_PIXELS : v1::ALL_PIXELS;
-}
-
-void set_tracer(PyRequest& request, const std::string& tracer) {
-  require(tracer == "wavefront" || tracer == "reference",
-          "tracer: it is 'wavefront' or 'reference'");
-  request.image.tracer = tracer == "reference" ? v1::REFERENCE : v1::WAVEFRONT;
 }
 
 // Called every 10 ms without the interpreter's lock.
@@ -450,9 +439,7 @@ PyImage render(const PyScene& scene, const PyRequest& request, Stop* stop, nb::o
       [&](const RenderedSoFar& so_far, uint32_t round, double fraction) {
         watch.look((so_far.spp + fraction * round) / static_cast<double>(so_far.spp + round));
       });
-  for (const v1::RenderGradReply& reply : done.replies) {
-    add_counters(reply.counters(), image.counters);
-  }
+  image.counters = sum_of_counters(done.replies);
   image.replies = replies_of(image.channels, std::move(done.replies));
   image.spp = done.spp;
   image.interrupted = done.interrupted;
@@ -461,22 +448,17 @@ PyImage render(const PyScene& scene, const PyRequest& request, Stop* stop, nb::o
   return image;
 }
 
-using Weights = nb::ndarray<const float, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-
 // The materials of the channels of an image.
-std::vector<std::tuple<double, double, double>> materials_of(
-    const std::vector<ImageChannel>& channels) {
-  std::vector<std::tuple<double, double, double>> materials;
-  for (const auto& [name, shown, material] : channels) {
-    materials.emplace_back(material.sigma_t, material.albedo, material.g);
-  }
+Materials materials_of(const std::vector<ImageChannel>& channels) {
+  Materials materials;
+  for (const ImageChannel& channel : channels) add(channel.material, materials);
   return materials;
 }
 
 // The gradient of the weighted sum of the pixels of one channel, by estimate, in the request's
 // derivatives.
 std::vector<std::vector<double>> gradient(const PyScene& scene, const PyRequest& request,
-                                          const std::string& channel, const Weights& weights,
+                                          const std::string& channel, const Plane& weights,
                                           Stop* stop) {
   const UnderWay under_way;
   const Watch watch(stop, nb::none());
@@ -562,11 +544,10 @@ NB_MODULE(_core, module) {
              return std::pair(medium.name(), double{medium.object_size()});
            })
       .def("materials", [](const PyScene& scene) {
-        std::vector<std::tuple<double, double, double>> materials;
+        Materials materials;
         if (scene.message.object().material().empty()) return materials;
         for (const v1::Film::Channel shown : {v1::Film::RED, v1::Film::GREEN, v1::Film::BLUE}) {
-          const Material m = *material_of("scene.object", scene.message.object(), shown);
-          materials.emplace_back(m.sigma_t, m.albedo, m.g);
+          add(*material_of("scene.object", scene.message.object(), shown), materials);
         }
         return materials;
       });
@@ -581,15 +562,10 @@ NB_MODULE(_core, module) {
   module.def("is_of_medium", is_of_medium);
   module.attr("MAX_SPP") = kMaxSamples;
   module.def("measured_media", [] {
-    std::vector<std::tuple<std::string, std::string, double,
-                           std::vector<std::tuple<double, double, double>>>>
-        media;
+    std::vector<std::tuple<std::string, std::string, double, Materials>> media;
     for (const MeasuredMedium& medium : measured_media()) {
-      std::vector<std::tuple<double, double, double>> channels;
-      for (size_t c = 0; c < 3; ++c) {
-        const Material m = medium.material(c);
-        channels.emplace_back(m.sigma_t, m.albedo, m.g);
-      }
+      Materials channels;
+      for (size_t c = 0; c < 3; ++c) add(medium.material(c), channels);
       media.emplace_back(medium.name, medium.source, medium.index, channels);
     }
     return media;
@@ -611,8 +587,10 @@ NB_MODULE(_core, module) {
              r.image.g = std::move(g);
            })
       .def("set_phase", set_phase)
-      .def("set_pixels", set_pixels)
-      .def("set_tracer", set_tracer)
+      .def("set_pixels",
+           [](PyRequest& r, const std::string& word) { r.image.pixels = pixels_named(word); })
+      .def("set_tracer",
+           [](PyRequest& r, const std::string& word) { r.image.tracer = tracer_named(word); })
       .def("set_colour", [](PyRequest& r, bool colour) { r.image.colour = colour; })
       .def("set_samples",
            [](PyRequest& r, uint32_t spp, uint64_t seed, uint32_t estimates, uint32_t pilot_spp) {
@@ -672,6 +650,12 @@ NB_MODULE(_core, module) {
   module.def("write_exr", write_planes);
   module.def("read_exr", read_planes);
   module.def("encode_png", png_of);
+  module.def("noise_on_object", [](const Plane& radiance, const Plane& error, const Plane& mask) {
+    const auto numbers = [](const Plane& plane) {
+      return std::vector<float>(plane.data(), plane.data() + plane.size());
+    };
+    return noise_on_object(numbers(radiance), numbers(error), numbers(mask));
+  });
   module.def("read_manifest", read_manifest);
 
   module.def("render", render, "scene"_a, "request"_a, "stop"_a.none(), "progress"_a.none());

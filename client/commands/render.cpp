@@ -13,7 +13,6 @@
 #include <filesystem>
 #include <limits>
 #include <memory>
-#include <numeric>
 #include <string>
 #include <vector>
 
@@ -31,7 +30,6 @@
 #include "client/render/image_render.h"
 #include "client/render/render_rounds.h"
 #include "client/render/reply_images.h"
-#include "client/render/tiles.h"
 #include "client/render_pool/render_pool.h"
 #include "client/scene/scene_file.h"
 #include "client/scene/text_proto.h"
@@ -99,8 +97,8 @@ const CLI::Validator kTimeToSeconds(
 // What flags say in words.
 void read_words(RenderFlags& options) {
   ImageRequest& image = options.image;
-  if (options.pixels == "object") image.pixels = v1::OBJECT_PIXELS;
-  if (options.tracer == "reference") image.tracer = v1::REFERENCE;
+  image.pixels = pixels_named(options.pixels);
+  image.tracer = tracer_named(options.tracer);
   if (!options.phase.empty()) parse_text_proto(options.phase, "--phase", image.phase.emplace());
 }
 
@@ -245,12 +243,6 @@ RoundsReply render(const RenderFlags& options, const std::vector<RenderJob>& job
   return reply;
 }
 
-v1::Counters sum_of(const std::vector<v1::RenderGradReply>& replies) {
-  v1::Counters sum;
-  for (const v1::RenderGradReply& reply : replies) add_counters(reply.counters(), sum);
-  return sum;
-}
-
 // ---- The file --------------------------------------------------------------------------------
 
 // `channel`: its name.
@@ -349,12 +341,6 @@ void write_preview(const RenderFlags& options, const Image& image,
 
 // ---- The result on stdout --------------------------------------------------------------------
 
-// The part of the image's pixels that the object covers.
-double coverage(const Image& image) {
-  const std::vector<float>& mask = image.channel("mask.Y");
-  return std::accumulate(mask.begin(), mask.end(), 0.0) / static_cast<double>(mask.size());
-}
-
 // What of the object is outside of the film is not in the image.
 bool leaves_film(const Image& image) {
   const std::vector<float>& mask = image.channel("mask.Y");
@@ -426,7 +412,7 @@ void print_json(const v1::Counters& counters, const RenderFlags& options,
   number("width", image.width);
   number("height", image.height);
   number("spp", options.image.spp);
-  number("object_coverage", coverage(image));
+  number("object_coverage", coverage(image.channel("mask.Y")));
   for (const auto& [name, shown, material] : channels) {
     const std::string suffix = options.image.colour ? "_" + lower(name) : "";
     number(("mean_radiance_on_object" + suffix).c_str(), mean_over_object(image, name));
@@ -445,12 +431,12 @@ void print_json(const v1::Counters& counters, const RenderFlags& options,
 
 void print_text(const RenderFlags& options, const v1::Scene& scene,
                 const std::vector<ImageChannel>& channels, const Image& image, double seconds) {
-  std::string text =
-      fmt::format("{}: {} x {} pixels, {} samples per pixel, {:.3g} s\n",
-                  name_of_output(options.output), image.width, image.height, options.image.spp,
-                  seconds) +
-      fmt::format("object: {}, {:.2g} % of the film{}\n", size_of_object(scene),
-                  100 * coverage(image), leaves_film(image) ? ", cut by its edge" : "");
+  std::string text = fmt::format("{}: {} x {} pixels, {} samples per pixel, {:.3g} s\n",
+                                 name_of_output(options.output), image.width, image.height,
+                                 options.image.spp, seconds) +
+                     fmt::format("object: {}, {:.2g} % of the film{}\n", size_of_object(scene),
+                                 100 * coverage(image.channel("mask.Y")),
+                                 leaves_film(image) ? ", cut by its edge" : "");
   if (!options.image.medium.empty()) {
     const MeasuredMedium& medium = measured_medium(options.image.medium);
     text += fmt::format("{} ({}), index {}\n", medium.name, medium.source, medium.index);
@@ -479,7 +465,7 @@ void run(RenderFlags options) {
   const std::vector<RenderJob> jobs = jobs_of(options.image, scene, channels);
   auto [replies, spp, interrupted] = render(options, jobs, start);
   options.image.spp = spp;
-  const v1::Counters counters = sum_of(replies);
+  const v1::Counters counters = sum_of_counters(replies);
   const std::vector<v1::RenderGradReply> in_channels = replies_of(channels, std::move(replies));
   const Image image = make_image(channels, jobs[0], in_channels, counters, options);
   warn_noise(image, options, channels);

@@ -8,6 +8,7 @@
 
 #include "client/object_media.h"
 #include "client/render/shared_colours.h"
+#include "client/render/tiles.h"
 #include "common/error.h"
 #include "common/geometry/mesh.h"
 #include "common/render_limits.h"
@@ -100,8 +101,23 @@ std::vector<v1::RenderGradReply> replies_of(std::span<const ImageChannel> channe
   return in_colour;
 }
 
-double coverage(const v1::RenderGradReply& reply) {
-  const std::vector<float> mask = from_bytes<float>(reply.mask());
+v1::RenderedPixels pixels_named(const std::string& word) {
+  require(word == "all" || word == "object", "pixels: it is 'all' or 'object'");
+  return word == "object" ? v1::OBJECT_PIXELS : v1::ALL_PIXELS;
+}
+
+v1::Tracer tracer_named(const std::string& word) {
+  require(word == "wavefront" || word == "reference", "tracer: it is 'wavefront' or 'reference'");
+  return word == "reference" ? v1::REFERENCE : v1::WAVEFRONT;
+}
+
+v1::Counters sum_of_counters(std::span<const v1::RenderGradReply> replies) {
+  v1::Counters sum;
+  for (const v1::RenderGradReply& reply : replies) add_counters(reply.counters(), sum);
+  return sum;
+}
+
+double coverage(std::span<const float> mask) {
   return std::accumulate(mask.begin(), mask.end(), 0.0) / static_cast<double>(mask.size());
 }
 
@@ -109,7 +125,7 @@ std::vector<std::string> remarks_on(std::span<const ImageChannel> channels,
                                     std::span<const v1::RenderGradReply> replies,
                                     const v1::Counters& counters) {
   std::vector<std::string> remarks;
-  const double covered = coverage(replies[0]);
+  const double covered = coverage(from_bytes<float>(replies[0].mask()));
   const double pixels = static_cast<double>(replies[0].width()) * replies[0].height();
   constexpr double kTiny = 1e-3;
   if (covered < kTiny || covered * pixels < 1) {

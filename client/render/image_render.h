@@ -53,8 +53,16 @@ std::vector<RenderJob> jobs_of(const ImageRequest& request, const v1::Scene& sce
 std::vector<v1::RenderGradReply> replies_of(std::span<const ImageChannel> channels,
                                             std::vector<v1::RenderGradReply> replies);
 
-// The part of the image's pixels that the object covers.
-double coverage(const v1::RenderGradReply& reply);
+// What `itn render` and itn.render call them: "all" or "object", "wavefront" or "reference". Throw
+// Error (invalid input) for other words.
+v1::RenderedPixels pixels_named(const std::string& word);
+v1::Tracer tracer_named(const std::string& word);
+
+// Of all renders together.
+v1::Counters sum_of_counters(std::span<const v1::RenderGradReply> replies);
+
+// The part of the image's pixels that the object covers. `mask`: that of a reply, not empty.
+double coverage(std::span<const float> mask);
 
 // For people: what may be wrong with the image, a sentence each. Throws Error (invalid input) if
 // more than a hundredth of the paths that meet the object were dropped: that is no image of the

@@ -39,17 +39,13 @@ def find(name: str) -> str:
     on the PATH."""
     package = pathlib.Path(__file__).parent
     # In a build the files of the package are links, but the folder is the build's.
-    folders = [os.environ.get("ITN_BIN"), package / "bin", pathlib.Path(_package_folder()).parents[1] / "bin"]
+    folders = [os.environ.get("ITN_BIN"), package / "bin", pathlib.Path(_core.__file__).absolute().parents[2] / "bin"]
     for folder in folders:
         if folder and os.access(pathlib.Path(folder) / name, os.X_OK):
             return str(pathlib.Path(folder) / name)
     if found := shutil.which(name):
         return found
     raise FileError(f"there is no program {name}: the variable ITN_BIN names the folder of itn's programs")
-
-
-def _package_folder() -> str:
-    return os.path.dirname(os.path.abspath(_core.__file__))
 
 
 def arguments(flags: dict[str, Any]) -> list[str]:

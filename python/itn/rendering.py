@@ -67,23 +67,18 @@ class Render:
         not tell: nan."""
         if self.spp == 1:
             return float("nan")
-        weight = self.mask if self.mask.any() else np.ones_like(self.mask)
-        noise = 0.0
-        for image, error in zip(self._channels(self.image), self._channels(self.stderr)):
-            light = float((weight * image).sum(dtype=np.float64))
-            if light > 0:
-                squares = float((weight * np.square(error, dtype=np.float64)).sum())
-                noise = max(noise, np.sqrt(squares * float(weight.sum(dtype=np.float64))) / light)
-        return noise
+        return max(
+            _core.noise_on_object(np.ascontiguousarray(image), np.ascontiguousarray(error), self.mask)
+            for image, error in zip(self._channels(self.image), self._channels(self.stderr))
+        )
 
     @staticmethod
     def _channels(array: Array) -> list[Array]:
         return [array] if array.ndim == 2 else [array[..., c] for c in range(array.shape[-1])]
 
     def picture(self, derivative: str | None = None, exposure: float = 0) -> Picture:
-        """The image to look at: white is what is brightest on the object; `exposure` makes it
-        brighter, in stops. Or a derivative:
-        red where it is above 0, blue below."""
+        """The image to look at: white is what is brightest on the object; `exposure` makes it brighter, in stops. Or a
+        derivative: red where it is above 0, blue below."""
         if derivative is not None:
             if derivative not in self.derivatives:
                 raise InvalidInput(
@@ -200,7 +195,7 @@ def set_medium(
             request.set_material(*(list(kind) for kind in zip(*materials)))
         else:
             raise InvalidInput(
-                "sigma_t and albedo are required, or medium, or a medium or material in the " "scene's object"
+                "sigma_t and albedo are required, or medium, or a medium or material in the scene's object"
             )
         return False
     if medium is not None:
@@ -410,11 +405,7 @@ def _by_workers(
             )
         )
         layers = dict(_core.read_exr(f"{folder}/image.exr"))
-    colours = ["Y"] if "Y" in layers else ["R", "G", "B"]
-
-    def together(prefix: str) -> Array:
-        return together_of(layers, prefix)
-
+    together = partial(together_of, layers)
     estimates = int(flags["estimates"])
 
     def of_estimates(name: str) -> Array:

@@ -258,8 +258,7 @@ def render(
     scene: what itn.load or itn.scene returns, the path of a scene file, or a dictionary.
     parameters: tensors or numbers by name: sigma_t (1/mm) and albedo, g unless there is a phase (default 0), and
         any of Scene.parameters. Without one of the medium, that of the scene's object. sigma_t and albedo may have
-        three numbers, of red, green and blue; all others have
-        one.
+        three numbers, of red, green and blue; all others have one.
     spp, seed: of the image. Take another seed in each step of an optimisation.
     spp_grad, seed_grad: of the gradient. Default: as many samples as the image's, and others, so that the gradient
         of a loss that is quadratic in the image is right on average.
