@@ -349,7 +349,11 @@ def predict_many(
     if len(found) != len(linked):
         raise Error(f"itn predict answered for {len(found)} of {len(linked)} photographs: {said[:200]}")
     return [
-        InvalidInput(one["error"]) if one["error"] else Prediction(one, [path], given, files)
+        (
+            InvalidInput(programs.with_names(one["error"], files.names))
+            if one["error"]
+            else Prediction(one, [path], given, files)
+        )
         for path, one in zip(linked, found)
     ]
 

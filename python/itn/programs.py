@@ -111,9 +111,7 @@ def run(
             raise
         finally:
             _children.discard(child)
-        text = _text(messages)
-        for path, name in (names or {}).items():
-            text = text.replace(path, name)
+        text = with_names(_text(messages), names or {})
         said = [line for line in text.splitlines() if line.strip()]
         if missing := [line for line in said if "error while loading shared libraries" in line]:
             raise FileError(
@@ -128,6 +126,13 @@ def run(
         for line in said if warns else ():
             warn(_LOGGED.sub("", line).removeprefix("itn: "))
         return printed
+
+
+def with_names(text: str, names: Mapping[str, str]) -> str:
+    """A message with names in the place of paths; of paths that begin alike, the longest first."""
+    for path in sorted(names, key=len, reverse=True):
+        text = text.replace(path, names[path])
+    return text
 
 
 def _text(file: IO[bytes]) -> str:

@@ -65,6 +65,8 @@ class Analyses(unittest.TestCase):
         np.testing.assert_array_equal(
             found[2].albedo, itn.predict(EXAMPLES / "mug.jpg", mask=EXAMPLES / "mug_mask.png").albedo
         )
+        many = itn.predict_many(11 * [dark], masks=11 * [dark + 1])
+        self.assertRegex(str(many[10]), "^the mask mask 10 covers")
         self.assertEqual(itn.predict_many([]), [])
         with self.assertRaisesRegex(itn.InvalidInput, "1, and 2"):
             itn.predict_many([done, done], masks=[done.mask])
