@@ -20,6 +20,7 @@ int main(int argc, char** argv) {
     itn::add_materials_command(app);
     itn::add_import_command(app);
     itn::add_probe_command(app);
+    itn::add_relay_command(app);
     itn::add_completion_command(app);
   });
 }

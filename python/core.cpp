@@ -11,6 +11,8 @@
 #include <pthread.h>
 #include <spdlog/sinks/base_sink.h>
 #include <spdlog/spdlog.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
 #include <atomic>
 #include <chrono>
@@ -37,6 +39,7 @@
 #include "client/object_media.h"
 #include "client/render/image_render.h"
 #include "client/render/local_renderer.h"
+#include "client/render/relay_renderer.h"
 #include "client/render/render_rounds.h"
 #include "client/render/reply_images.h"
 #include "client/scene/scene_file.h"
@@ -145,6 +148,44 @@ SceneCache& scene_cache() {
   static auto* const cache = new SceneCache(size_t{512} << 20);
   return *cache;
 }
+
+// The program itn relay, which renders by workers, behind a socket.
+class Relay {
+ public:
+  explicit Relay(int socket)
+      : socket_(socket), renderer_(std::make_unique<RelayRenderer>(socket, ITN_VERSION)) {}
+  ~Relay() {
+    if (getpid() == owner_) return;
+    // It was forked: the thread that reads is its parent's.
+    ::close(socket_);
+    static_cast<void>(renderer_.release());
+  }
+  Relay(const Relay&) = delete;
+  Relay& operator=(const Relay&) = delete;
+
+  // Ends the program. What still renders by it fails.
+  void close() { ::shutdown(socket_, SHUT_RDWR); }
+
+  JobRenderer& renderer() const { return *renderer_; }
+
+ private:
+  const pid_t owner_ = getpid();
+  const int socket_;
+  std::unique_ptr<RelayRenderer> renderer_;
+};
+
+// Who renders: a relay, or this process by so many threads.
+class ChosenRenderer {
+ public:
+  ChosenRenderer(const Relay* relay, int threads) : relay_(relay) {
+    if (relay == nullptr) local_.emplace(scene_cache(), threads);
+  }
+  JobRenderer& get() { return relay_ == nullptr ? *local_ : relay_->renderer(); }
+
+ private:
+  const Relay* const relay_;
+  std::optional<LocalRenderer> local_;
+};
 
 // What ends a render from another thread.
 struct Stop {
@@ -421,7 +462,8 @@ class Watch {
   const nb::object progress_;
 };
 
-PyImage render(const PyScene& scene, const PyRequest& request, Stop* stop, nb::object progress) {
+PyImage render(const PyScene& scene, const PyRequest& request, const Relay* relay, Stop* stop,
+               nb::object progress) {
   const UnderWay under_way;
   const auto start = steady_clock::now();
   const Watch watch(stop, std::move(progress));
@@ -433,9 +475,9 @@ PyImage render(const PyScene& scene, const PyRequest& request, Stop* stop, nb::o
                         .seconds = request.seconds,
                         .spp = request.image.spp,
                         .estimates = request.image.estimates};
-  LocalRenderer renderer(scene_cache(), request.threads);
+  ChosenRenderer renderer(relay, request.threads);
   RoundsReply done = render_rounds(
-      renderer, jobs, goal, start,
+      renderer.get(), jobs, goal, start,
       [&](const RenderedSoFar& so_far, uint32_t round, double fraction) {
         watch.look((so_far.spp + fraction * round) / static_cast<double>(so_far.spp + round));
       });
@@ -458,8 +500,8 @@ Materials materials_of(const std::vector<ImageChannel>& channels) {
 // The gradient of the weighted sum of the pixels of one channel, by estimate, in the request's
 // derivatives.
 std::vector<std::vector<double>> gradient(const PyScene& scene, const PyRequest& request,
-                                          const std::string& channel, const Plane& weights,
-                                          Stop* stop) {
+                                          const Relay* relay, const std::string& channel,
+                                          const Plane& weights, Stop* stop) {
   const UnderWay under_way;
   const Watch watch(stop, nb::none());
   const nb::gil_scoped_release unlocked;
@@ -477,8 +519,8 @@ std::vector<std::vector<double>> gradient(const PyScene& scene, const PyRequest&
   RenderJob job = jobs_of(one, shown, channels_of(one, shown)).front();
   job.request.mutable_gradient()->set_weight(
       to_bytes(std::span<const float>(weights.data(), weights.size())));
-  LocalRenderer renderer(scene_cache(), request.threads);
-  std::future<v1::RenderGradReply> pending = renderer.submit(std::move(job));
+  ChosenRenderer renderer(relay, request.threads);
+  std::future<v1::RenderGradReply> pending = renderer.get().submit(std::move(job));
   do {
     watch.look(0);
   } while (pending.wait_for(milliseconds(10)) != std::future_status::ready);
@@ -510,6 +552,8 @@ NB_MODULE(_core, module) {
       .def(nb::init<>())
       .def("request", [](Stop& stop) { stop.requested = true; })
       .def_prop_ro("requested", [](const Stop& stop) { return stop.requested.load(); });
+
+  nb::class_<Relay>(module, "Relay").def(nb::init<int>(), "socket"_a).def("close", &Relay::close);
 
   nb::class_<PyScene>(module, "Scene")
       .def_static("load", [](const std::string& path) { return PyScene{load_scene(path)}; })
@@ -658,12 +702,13 @@ NB_MODULE(_core, module) {
   });
   module.def("read_manifest", read_manifest);
 
-  module.def("render", render, "scene"_a, "request"_a, "stop"_a.none(), "progress"_a.none());
+  module.def("render", render, "scene"_a, "request"_a, "relay"_a.none(), "stop"_a.none(),
+             "progress"_a.none());
   module.def("materials_of", [](const PyScene& scene, const PyRequest& request) {
     return materials_of(channels_of(request.image, scene.message));
   });
-  module.def("gradient", gradient, "scene"_a, "request"_a, "channel"_a, "weights"_a,
-             "stop"_a.none());
+  module.def("gradient", gradient, "scene"_a, "request"_a, "relay"_a.none(), "channel"_a,
+             "weights"_a, "stop"_a.none());
 }
 
 }  // namespace itn

@@ -17,6 +17,7 @@ void add_shapes_command(CLI::App& app);
 void add_materials_command(CLI::App& app);
 void add_import_command(CLI::App& app);
 void add_probe_command(CLI::App& app);
+void add_relay_command(CLI::App& app);
 void add_dataset_command(CLI::App& app);
 void add_models_command(CLI::App& app);
 void add_completion_command(CLI::App& app);

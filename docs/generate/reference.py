@@ -22,6 +22,7 @@ PAGES = {
     "refine": "refinements: result, trajectory, state",
     "render": "the render service",
     "predict": "the prediction service",
+    "relay": "renders through a pipe",
 }
 PROGRAMS = pathlib.Path(os.environ.get("ITN_BIN", ROOT / "build/release/bin"))
 MESSAGE, ENUM, SERVICE = 4, 5, 6  # numbers of fields in FileDescriptorProto

@@ -11,7 +11,6 @@ import numpy as np
 
 from . import _core
 from .errors import InvalidInput
-from .rendering import together_of
 
 _SPLITS = ("train", "validation", "test")
 
@@ -52,8 +51,8 @@ class Dataset:
 
         truth = np.array(materials, dtype=np.float32)
         return {
-            "image": together_of(layers, ""),
-            "stderr": together_of(layers, "stderr."),
+            "image": together(""),
+            "stderr": together("stderr."),
             "mask": layers["mask.Y"],
             "sigma_t": truth[:, 0],
             "albedo": truth[:, 1],

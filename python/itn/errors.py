@@ -37,7 +37,9 @@ def warn(message: str) -> None:
     """Warns where the caller of the package is."""
     package = os.path.dirname(__file__)
     frame, level = sys._getframe(), 1
-    while frame.f_back is not None and os.path.dirname(frame.f_code.co_filename) == package:
+    while frame.f_back is not None and (
+        os.path.dirname(frame.f_code.co_filename) == package or frame.f_code.co_filename == contextlib.__file__
+    ):
         frame, level = frame.f_back, level + 1
     warnings.warn(message, stacklevel=level)
 

@@ -111,21 +111,34 @@ def run(
             raise
         finally:
             _children.discard(child)
-        text = with_names(_text(messages), names or {})
-        said = [line for line in text.splitlines() if line.strip()]
-        if missing := [line for line in said if "error while loading shared libraries" in line]:
-            raise FileError(
-                f"{missing[0]}. Networks and photographs need libraries of Debian 12: apt-get install "
-                "--no-install-recommends " + " ".join(_LIBRARIES)
-            )
-        printed = _text(output)
+        said = with_names(text_of(messages), names or {})
+        printed = text_of(output)
         if child.returncode != 0 and not (printed and child.returncode in accepts):
-            mistakes = [_LOGGED.sub("", line).removeprefix("itn: ") for line in said if "--help" not in line]
-            message = "\n".join(mistakes) or f"itn {command} ended with exit code {child.returncode}"
-            raise _OF_EXIT_CODE.get(child.returncode, Error)(message)
-        for line in said if warns else ():
-            warn(_LOGGED.sub("", line).removeprefix("itn: "))
+            raise error_of(command, child.returncode, said)
+        if warns:
+            warn_of(said)
         return printed
+
+
+def error_of(command: str, code: int, said: str) -> Error:
+    """That a command ended with this exit code, and said this."""
+    lines = _lines(said)
+    if missing := [line for line in lines if "error while loading shared libraries" in line]:
+        return FileError(
+            f"{missing[0]}. Networks and photographs need libraries of Debian 12: apt-get install "
+            "--no-install-recommends " + " ".join(_LIBRARIES)
+        )
+    mistakes = "\n".join(line for line in lines if "--help" not in line)
+    return _OF_EXIT_CODE.get(code, Error)(mistakes or f"itn {command} ended with exit code {code}")
+
+
+def warn_of(said: str) -> None:
+    for line in _lines(said):
+        warn(line)
+
+
+def _lines(said: str) -> list[str]:
+    return [_LOGGED.sub("", line).removeprefix("itn: ") for line in said.splitlines() if line.strip()]
 
 
 def with_names(text: str, names: Mapping[str, str]) -> str:
@@ -135,7 +148,7 @@ def with_names(text: str, names: Mapping[str, str]) -> str:
     return text
 
 
-def _text(file: IO[bytes]) -> str:
+def text_of(file: IO[bytes]) -> str:
     file.seek(0)
     return file.read().decode("utf-8", "replace")
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
 import queue
-import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,6 +18,7 @@ from .errors import Cancelled, Error, InvalidInput, warn
 from .media import Medium
 from .pictures import Picture
 from .scene import Scene, as_scene
+from .workers import Workers, asked
 
 Array = npt.NDArray[np.float32]
 
@@ -234,7 +233,7 @@ def render(
     pixels: str = "all",
     tracer: str = "wavefront",
     threads: int | None = None,
-    workers: str | Sequence[str] | None = None,
+    workers: Workers | _core.Relay | None = None,
     progress: Callable[[float], Any] | None = None,
     stop: _core.Stop | None = None,
 ) -> Render:
@@ -261,7 +260,8 @@ def render(
     tracer: "wavefront", or "reference", plain path tracing.
     threads: how many; default: one for each processor.
     workers: render workers (docs/operations.md) that render instead of this process, as "host:50051" or "unix:/run/w";
-        the variables ITN_TLS_CA, ITN_TOKEN_FILE and so on secure the connection. Runs the program itn.
+        the variables ITN_TLS_CA, ITN_TOKEN_FILE and so on secure the connection. The program itn, which asks them,
+        is kept for the next call.
     progress: called with the part that is done, in [0, 1], now and then.
     stop: an itn.Stop, whose request() from another thread ends this with Cancelled.
 
@@ -316,34 +316,8 @@ def render(
     request.set_threads(processors(threads))
     if stop is not None:
         named("stop", stop, _core.Stop, "an itn.Stop")
-    if workers is not None:
-        if progress is not None:
-            raise InvalidInput("workers and progress: workers do not say how far they are")
-        colours = {} if medium is not None else {"sigma_t": sigma_t, "albedo": albedo, "g": g, "phase": phase}
-        return _by_workers(
-            scene,
-            request,
-            names,
-            {
-                **colours,
-                "material": medium.name if isinstance(medium, Medium) else medium,
-                "object_size": object_size,
-                "spp": spp,
-                "noise": noise,
-                "time": time,
-                "seed": seed,
-                "derivatives": names or None,
-                "set": others,
-                "estimates": estimates,
-                "pilot_spp": pilot_spp,
-                "colour": in_colour if colour is None else bool(colour),
-                "pixels": pixels,
-                "tracer": tracer,
-                "workers": workers,
-            },
-            stop,
-        )
-    done = _core.render(scene._core, request, stop, progress)
+    with asked(workers) as relay:
+        done = _core.render(scene._core, request, relay, stop, progress)
     if done.interrupted:
         raise Cancelled("cancelled")
     for remark in [*done.remarks, *_core.take_messages()]:
@@ -378,55 +352,6 @@ def _render_of(done: _core.Image, names: list[str]) -> Render:
         seconds=done.seconds,
         materials=done.materials,
         counters=dict(zip(_COUNTERS, done.counters)),
-    )
-
-
-def together_of(layers: Mapping[str, Array], prefix: str) -> Array:
-    """The layers prefix + Y, or prefix + R, G and B, of a file."""
-    if "Y" in layers:
-        return layers[prefix + "Y"]
-    return np.stack([layers[prefix + colour] for colour in "RGB"], axis=-1)
-
-
-def _by_workers(
-    scene: Scene, request: _core.Request, names: list[str], flags: dict[str, Any], stop: _core.Stop | None
-) -> Render:
-    """By the program, which knows how to ask workers."""
-    from . import programs
-
-    with tempfile.TemporaryDirectory(prefix="itn-") as folder:
-        scene.save(f"{folder}/scene.textproto")
-        said = json.loads(
-            programs.run(
-                "render",
-                [f"{folder}/scene.textproto"],
-                {**flags, "output": f"{folder}/image.exr", "json": True},
-                stop=stop,
-            )
-        )
-        layers = dict(_core.read_exr(f"{folder}/image.exr"))
-    together = partial(together_of, layers)
-    estimates = int(flags["estimates"])
-
-    def of_estimates(name: str) -> Array:
-        return (
-            np.stack([together(f"estimate{k}.{name}") for k in range(estimates)])
-            if estimates > 1
-            else together(name)[np.newaxis]
-        )
-
-    return Render(
-        image=together(""),
-        stderr=together("stderr."),
-        mask=layers["mask.Y"],
-        derivatives={name: together(f"{name}.") for name in names},
-        derivative_stderr={name: together(f"stderr.{name}.") for name in names} if estimates > 1 else {},
-        estimates=of_estimates(""),
-        derivative_estimates={name: of_estimates(f"{name}.") for name in names},
-        spp=int(said["spp"]),
-        seconds=said["seconds"],
-        materials=_core.materials_of(scene._core, request),
-        counters={name: said[name] for name in _COUNTERS},
     )
 
 

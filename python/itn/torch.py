@@ -26,13 +26,48 @@ from .errors import InvalidInput
 from .rendering import MAX_SEED, in_threads, processors, set_medium, whole
 from .rendering import render as _render
 from .scene import Scene, as_scene
+from .workers import Workers, asked
 
 _MEDIUM = ("sigma_t", "albedo", "g")
 _COLOURS = ("R", "G", "B")
+# Images that workers are asked for at a time.
+_MOST_ASKED = 64
 # What is added to the seed of an image for that of its gradient, whose samples are to be others.
 _OTHER_SAMPLES = 0x9E3779B97F4A7C15
 
 _T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class _Means:
+    """What renders an image: workers, or threads of this process."""
+
+    threads: int
+    relay: _core.Relay | None
+    stop: _core.Stop
+
+
+@dataclass(frozen=True)
+class _Renderer:
+    threads: int
+    workers: Workers | None
+
+    def each(self, count: int, work: Callable[[int, _Means], _T]) -> list[_T]:
+        """work(number, means) of each; several at the same time, with a thread each."""
+        with asked(self.workers) as relay:
+            if count == 1:
+                return [work(0, _Means(self.threads, relay, _core.Stop()))]
+
+            def one(number: int, stop: _core.Stop) -> _T:
+                return work(number, _Means(1, relay, stop))
+
+            done: dict[int, _T] = {}
+            at_a_time = self.threads if relay is None else min(count, _MOST_ASKED)
+            for number, answer in in_threads((partial(one, i) for i in range(count)), at_a_time):
+                if isinstance(answer, BaseException):
+                    raise answer
+                done[number] = answer
+            return [done[i] for i in range(count)]
 
 
 @dataclass(frozen=True)
@@ -57,7 +92,7 @@ class _Job:
     def of_scene(self, values: Mapping[str, npt.NDArray[Any]]) -> dict[str, float]:
         return {name: float(value[0]) for name, value in values.items() if name not in _MEDIUM}
 
-    def image(self, tensors: Sequence[torch.Tensor], threads: int, stop: _core.Stop) -> npt.NDArray[Any]:
+    def image(self, tensors: Sequence[torch.Tensor], means: _Means) -> npt.NDArray[Any]:
         values = self.values(tensors)
         medium: dict[str, Any] = {name: values[name] for name in _MEDIUM if name in values}
         if self.phase is not None:
@@ -69,8 +104,9 @@ class _Job:
             spp=self.spp,
             seed=self.seed,
             colour=self.in_colour,
-            threads=threads,
-            stop=stop,
+            threads=means.threads,
+            workers=means.relay,
+            stop=means.stop,
         ).image
 
     def gradient(
@@ -78,8 +114,7 @@ class _Job:
         tensors: Sequence[torch.Tensor],
         wanted: Sequence[int],
         weights: npt.NDArray[Any],
-        threads: int,
-        stop: _core.Stop,
+        means: _Means,
     ) -> npt.NDArray[Any]:
         """Of the sum of weights times radiances, in the wanted numbers: channels x wanted."""
         if not np.isfinite(weights).all():
@@ -102,41 +137,24 @@ class _Job:
             request.set_samples(self.spp_grad, self.seed_grad, 1, 0)
             request.set_derivatives([self.names[i] for i in wanted])
             request.set_values(list(self.of_scene(values).items()))
-            request.set_threads(threads)
-            rows.append(
-                _core.gradient(self.scene._core, request, _COLOURS[c] if self.in_colour else "", of_channel, stop)[0]
-            )
+            request.set_threads(means.threads)
+            channel = _COLOURS[c] if self.in_colour else ""
+            rows.append(_core.gradient(self.scene._core, request, means.relay, channel, of_channel, means.stop)[0])
         return np.array(rows)
-
-
-def _each(count: int, at_a_time: int, work: Callable[[int, int, _core.Stop], _T]) -> list[_T]:
-    """work(number, threads, stop) of each; several at the same time, with a thread each."""
-    if count == 1:
-        return [work(0, at_a_time, _core.Stop())]
-    done: dict[int, _T] = {}
-    for number, answer in in_threads((partial(_with_one_thread, work, i) for i in range(count)), at_a_time):
-        if isinstance(answer, BaseException):
-            raise answer
-        done[number] = answer
-    return [done[i] for i in range(count)]
-
-
-def _with_one_thread(work: Callable[[int, int, _core.Stop], _T], number: int, stop: _core.Stop) -> _T:
-    return work(number, 1, stop)
 
 
 class _Renders(torch.autograd.Function):
     """Images of the jobs, whose tensors come one job after the other."""
 
     @staticmethod
-    def forward(jobs: Sequence[_Job], threads: int, *tensors: torch.Tensor) -> torch.Tensor:
+    def forward(jobs: Sequence[_Job], renderer: _Renderer, *tensors: torch.Tensor) -> torch.Tensor:
         of_job = _by_job(jobs, tensors)
-        images = _each(len(jobs), threads, lambda i, n, stop: jobs[i].image(of_job[i], n, stop))
+        images = renderer.each(len(jobs), lambda i, means: jobs[i].image(of_job[i], means))
         return torch.from_numpy(np.stack(images) if len(images) > 1 else images[0][np.newaxis])
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: torch.Tensor) -> None:
-        ctx.jobs, ctx.threads, *tensors = inputs
+        ctx.jobs, ctx.renderer, *tensors = inputs
         ctx.save_for_backward(*tensors)
 
     @staticmethod
@@ -146,11 +164,10 @@ class _Renders(torch.autograd.Function):
         needed = _by_job(jobs, ctx.needs_input_grad[2:])
         wanted = [[i for i, need in enumerate(of_one) if need] for of_one in needed]
         weights = grad.detach().to("cpu", torch.float32).numpy()
-        sums = _each(
+        sums = ctx.renderer.each(
             len(jobs),
-            ctx.threads,
-            lambda i, n, stop: (
-                jobs[i].gradient(of_job[i], wanted[i], weights[i], n, stop) if wanted[i] else np.empty((1, 0))
+            lambda i, means: (
+                jobs[i].gradient(of_job[i], wanted[i], weights[i], means) if wanted[i] else np.empty((1, 0))
             ),
         )
         grads: list[torch.Tensor | None] = []
@@ -252,6 +269,7 @@ def render(
     phase: str | None = None,
     colour: bool | None = None,
     threads: int | None = None,
+    workers: Workers | None = None,
 ) -> torch.Tensor:
     """Renders an image, (height, width) or in colour (height, width, 3), float32, on the CPU.
 
@@ -262,7 +280,7 @@ def render(
     spp, seed: of the image. Take another seed in each step of an optimisation.
     spp_grad, seed_grad: of the gradient. Default: as many samples as the image's, and others, so that the gradient
         of a loss that is quadratic in the image is right on average.
-    phase, colour, threads: as of itn.render.
+    phase, colour, threads, workers: as of itn.render.
 
     The gradient takes about as long as the image, however many parameters there are, and in colour three times as
     long. It has no derivatives of its own. Raises what itn.render raises.
@@ -270,7 +288,7 @@ def render(
     job, tensors = _job(
         scene, parameters, spp=spp, spp_grad=spp_grad, seed=seed, seed_grad=seed_grad, phase=phase, colour=colour
     )
-    return _apply((job,), processors(threads), *tensors)[0]
+    return _apply((job,), _Renderer(processors(threads), workers), *tensors)[0]
 
 
 def render_batch(
@@ -283,13 +301,14 @@ def render_batch(
     phase: str | None = None,
     colour: bool | None = None,
     threads: int | None = None,
+    workers: Workers | None = None,
 ) -> torch.Tensor:
     """Renders images at the same time, (batch, height, width) or (batch, height, width, 3).
 
     scenes: one for all images, or a sequence with one for each, all of one size.
     parameters: as of render(). Tensors have a first dimension of the length of the batch, numbers are for all.
     seed: of the first image; those of the others follow.
-    spp, spp_grad, phase, colour, threads: as of render().
+    spp, spp_grad, phase, colour, threads, workers: as of render(). Workers are asked for 64 images at a time.
     """
     one_scene = isinstance(scenes, (Scene, Mapping, str, os.PathLike))
     lengths = set() if one_scene else {len(scenes)}
@@ -319,4 +338,4 @@ def render_batch(
     sizes = {(job.scene.width, job.scene.height, job.in_colour) for job in jobs}
     if len(sizes) > 1:
         raise InvalidInput("scenes: their images are of several sizes, or in colour and not")
-    return _apply(tuple(jobs), processors(threads), *tensors)
+    return _apply(tuple(jobs), _Renderer(processors(threads), workers), *tensors)

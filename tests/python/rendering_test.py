@@ -155,64 +155,6 @@ class Renders(unittest.TestCase):
             if number >= 5:
                 break
 
-    def test_come_from_workers(self):
-        with (
-            tempfile.TemporaryDirectory() as folder,
-            subprocess.Popen(
-                [programs.find("itn-worker"), "--listen", f"unix:{folder}/w"],
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                text=True,
-            ) as worker,
-        ):
-            try:
-                worker.stdout.readline()
-                names = ["g", "surface[0].reflectance"]
-                for options in (
-                    {**MEDIUM, "estimates": 2},
-                    {"sigma_t": 20, "albedo": [0.9, 0.8, 0.6]},
-                    {"medium": itn.materials()["marble"]},
-                    {**MEDIUM, "colour": False},
-                    {
-                        "sigma_t": 20,
-                        "albedo": list(np.array([0.9, 0.8, 0.6])),
-                        "values": {"light[0].scale": np.float64(1.5)},
-                    },
-                ):
-                    there, here = (
-                        itn.render(CUBE, **options, spp=9, seed=3, derivatives=names, workers=workers)
-                        for workers in (f"unix:{folder}/w", None)
-                    )
-                    self.assertEqual(there.materials, here.materials)
-                    for there_, here_ in (
-                        (there, here),
-                        (there.derivatives, here.derivatives),
-                        (there.derivative_stderr, here.derivative_stderr),
-                        (there.derivative_estimates, here.derivative_estimates),
-                    ):
-                        held = (
-                            there_
-                            if isinstance(there_, dict)
-                            else {name: getattr(there_, name) for name in ("image", "stderr", "mask", "estimates")}
-                        )
-                        for name, array in held.items():
-                            expected = here_[name] if isinstance(here_, dict) else getattr(here_, name)
-                            np.testing.assert_array_equal(array, expected)
-                many = dict(
-                    itn.render_many(
-                        {"scene": CUBE, **MEDIUM, "spp": 4, "workers": f"unix:{folder}/w", "seed": i} for i in range(3)
-                    )
-                )
-                self.assertEqual(len(many), 3)
-                stop = itn.Stop()
-                threading.Timer(0.5, stop.request).start()
-                with self.assertRaises(itn.Cancelled):
-                    itn.render(CUBE, sigma_t=200, albedo=0.999, spp=1 << 20, workers=f"unix:{folder}/w", stop=stop)
-            finally:
-                worker.terminate()
-        with self.assertRaisesRegex(itn.Unavailable, "127.0.0.1:1"):
-            itn.render(CUBE, **MEDIUM, workers="127.0.0.1:1")
-
     def test_say_what_is_wrong(self):
         for message, wrong in {
             "material.albedo is 2": {"albedo": 2},
