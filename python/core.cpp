@@ -32,6 +32,7 @@
 #include <utility>
 #include <vector>
 
+#include "client/exports/mitsuba_scene_file.h"
 #include "client/image/image.h"
 #include "client/import/import_mitsuba.h"
 #include "client/json.h"
@@ -257,14 +258,12 @@ PyImport import_scene(const std::string& path, double mm_per_unit,
                   .not_carried_over = imported.not_carried_over};
   v1::Scene& scene = result.scene.message;
   load_files(scene, folder);
+  if (imported.in_colour) scene.mutable_film()->set_channel(v1::Film::RGB);
   if (!imported.medium) return result;
   const auto& [red, green, blue] = *imported.medium;
-  if (red == green && red == blue) {
-    *scene.mutable_object()->add_material() = to_proto(red);
-  } else {
-    for (const Material& m : *imported.medium)
-      *scene.mutable_object()->add_material() = to_proto(m);
-    scene.mutable_film()->set_channel(v1::Film::RGB);
+  const bool one = red == green && red == blue;
+  for (const Material& m : std::span(*imported.medium).first(one ? 1 : 3)) {
+    *scene.mutable_object()->add_material() = to_proto(m);
   }
   return result;
 }
@@ -691,6 +690,10 @@ NB_MODULE(_core, module) {
                                         int k) { return one_estimate(image, derivative_of, d, k); })
       .def("derivative_error", error_of_derivative);
 
+  module.def("write_mitsuba_scene",
+             [](const std::string& path, const PyScene& scene, const PyRequest& request) {
+               return write_mitsuba_scene(path, scene.message, request.image);
+             });
   module.def("write_exr", write_planes);
   module.def("read_exr", read_planes);
   module.def("encode_png", png_of);

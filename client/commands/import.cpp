@@ -34,21 +34,12 @@ struct ImportFlags {
   ImportOptions options;
 };
 
-// Whether a part of the scene has a colour of its own.
-bool has_colours(const v1::Scene& scene) {
-  return std::ranges::any_of(scene.lights(), &v1::Light::has_color) ||
-         std::ranges::any_of(scene.surfaces(),
-                             [](const v1::Surface& s) { return s.has_color() || s.has_image(); }) ||
-         std::ranges::any_of(scene.other_objects(),
-                             [](const v1::Object& o) { return o.material_size() == 3; });
-}
-
 // What renders it: the medium in the film's channel, or in colour.
 std::string command_of(const ImportedScene& imported, const fs::path& output) {
   std::string text = fmt::format("itn render {} -o {}", output.string(),
                                  fs::path(output).replace_extension("exr").string());
   const v1::Film::Channel channel = imported.scene.film().channel();
-  bool in_colour = false;
+  bool by_numbers = false;
   if (imported.medium) {
     const std::array<Material, 3>& medium = *imported.medium;
     const auto flag = [&](const char* name, double Material::*member) {
@@ -60,16 +51,14 @@ std::string command_of(const ImportedScene& imported, const fs::path& output) {
         text += fmt::format(" --{} {:.6g}", name, r);
       } else {
         text += fmt::format(" --{} {:.6g},{:.6g},{:.6g}", name, r, g, b);
-        in_colour = true;
+        by_numbers = true;
       }
     };
     flag("sigma-t", &Material::sigma_t);
     flag("albedo", &Material::albedo);
     if (imported.phase.empty()) flag("g", &Material::g);
   }
-  if (channel == v1::Film::LUMINANCE && !in_colour && has_colours(imported.scene)) {
-    text += " --color";
-  }
+  if (imported.in_colour && !by_numbers) text += " --color";
   if (!imported.phase.empty()) text += fmt::format(" --phase '{}'", imported.phase);
   if (imported.samples > 0) text += fmt::format(" --spp {}", imported.samples);
   return text;

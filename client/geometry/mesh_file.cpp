@@ -49,20 +49,35 @@ Mesh load_mesh(const fs::path& path) {
 }
 
 std::string encode_ply(const Mesh& mesh) {
+  return encode_ply(mesh, {});
+}
+
+std::string encode_ply(const Mesh& mesh, std::span<const std::array<Vec3f, 3>> corner_normals) {
   static_assert(std::endian::native == std::endian::little && sizeof(Vec3f) == 3 * sizeof(float));
+  const bool flat = corner_normals.empty();
   std::string bytes = fmt::format(
       "ply\nformat binary_little_endian 1.0\ncomment lengths in mm\nelement vertex {}\n"
-      "property float x\nproperty float y\nproperty float z\nelement face {}\n"
+      "property float x\nproperty float y\nproperty float z\n{}element face {}\n"
       "property list uchar uint vertex_indices\nend_header\n",
-      mesh.vertices.size(), mesh.triangles.size());
-  const auto append = [&bytes](const auto& values) {
-    bytes.append(reinterpret_cast<const char*>(values.data()),
-                 values.size() * sizeof(values.data()[0]));
+      flat ? mesh.vertices.size() : 3 * mesh.triangles.size(),
+      flat ? "" : "property float nx\nproperty float ny\nproperty float nz\n",
+      mesh.triangles.size());
+  const auto append = [&bytes](const void* values, size_t size) {
+    bytes.append(static_cast<const char*>(values), size);
   };
-  append(mesh.vertices);
-  for (const auto& triangle : mesh.triangles) {
+  if (flat) append(mesh.vertices.data(), mesh.vertices.size() * sizeof(Vec3f));
+  for (size_t t = 0; t < corner_normals.size(); ++t) {
+    for (size_t k = 0; k < 3; ++k) {
+      append(&mesh.vertices[mesh.triangles[t][k]], sizeof(Vec3f));
+      append(&corner_normals[t][k], sizeof(Vec3f));
+    }
+  }
+  uint32_t next = 0;
+  for (std::array<uint32_t, 3> triangle : mesh.triangles) {
+    if (!flat) triangle = {next, next + 1, next + 2};
+    next += 3;
     bytes += '\3';
-    append(triangle);
+    append(triangle.data(), sizeof triangle);
   }
   return bytes;
 }

@@ -1,7 +1,9 @@
 // Mesh files.
 #pragma once
 
+#include <array>
 #include <filesystem>
+#include <span>
 #include <string>
 
 #include "common/geometry/mesh.h"
@@ -17,5 +19,8 @@ Mesh load_mesh(const std::filesystem::path& path);
 // The bytes of a binary PLY file, from which load_mesh reads the same mesh, bit for bit, if it is
 // welded.
 std::string encode_ply(const Mesh& mesh);
+// The same surface with normals at the corners of its triangles, each of which has vertices of its
+// own then; no normals: as above.
+std::string encode_ply(const Mesh& mesh, std::span<const std::array<Vec3f, 3>> corner_normals);
 
 }  // namespace itn

@@ -81,6 +81,7 @@ class Importer {
         read_integrator(*child);
       }
     }
+    result_.in_colour = is_in_colour();
     if (!result_.scene.has_camera()) {
       throw invalid_input(scene.place + ": no <sensor>; a scene here needs a camera");
     }
@@ -106,6 +107,20 @@ class Importer {
     if (std::ranges::find(result_.not_carried_over, note) == result_.not_carried_over.end()) {
       result_.not_carried_over.push_back(note);
     }
+  }
+
+  bool is_in_colour() const {
+    if (options_.channel != v1::Film::LUMINANCE) return false;
+    if (result_.medium) {
+      const auto& [red, green, blue] = *result_.medium;
+      if (red != green || red != blue) return true;
+    }
+    const v1::Scene& scene = result_.scene;
+    const auto has_image = [](const v1::Surface& s) { return s.has_color() || s.has_image(); };
+    const auto has_colours = [](const v1::Object& o) { return o.material_size() == 3; };
+    return !film_is_gray_ && (std::ranges::any_of(scene.lights(), &v1::Light::has_color) ||
+                              std::ranges::any_of(scene.surfaces(), has_image) ||
+                              std::ranges::any_of(scene.other_objects(), has_colours));
   }
 
   // Surfaces here reflect on both sides; in Mitsuba the camera may look at a black back.
@@ -567,16 +582,20 @@ class Importer {
   // On a rectangle, whose texture coordinates go from 0 to 1 along its x and y.
   bool set_texture(v1::Surface& surface, const MitsubaPlugin& shape, const MitsubaPlugin& texture) {
     if (!surface.has_rectangle()) return false;
-    const Affine3d uv = texture.transform("to_uv");
-    const Vector3d per_side(uv.linear()(0, 0) * texture.number("uscale", 1),
-                            uv.linear()(1, 1) * texture.number("vscale", 1), 1);
-    const bool scales = uv.linear().isDiagonal() && uv.translation().isZero() && per_side.x() > 0 &&
-                        per_side.y() > 0;
-    if (!scales) leave(texture, "its to_uv; a scale has a counterpart");
+    // Of the first two coordinates.
+    const Eigen::Matrix4d uv = texture.transform("to_uv").matrix();
+    const Eigen::DiagonalMatrix<double, 2> scale(texture.number("uscale", 1),
+                                                 texture.number("vscale", 1));
+    const Eigen::Matrix2d to_texture = scale * uv.topLeftCorner<2, 2>();
+    if (!(std::abs(to_texture.determinant()) > 0)) {
+      throw invalid_input(texture.place + ": its to_uv makes it flat");
+    }
     const Affine3d transform = to_world(shape);
-    const Vector3d right = transform.linear().col(0) * 2 / (scales ? per_side.x() : 1);
-    const Vector3d up = transform.linear().col(1) * 2 / (scales ? per_side.y() : 1);
-    const Vector3d start = transform * Vector3d(-1, -1, 0);
+    const Eigen::Matrix<double, 3, 2> sides = 2 * transform.linear().leftCols<2>();
+    const Eigen::Matrix<double, 3, 2> edges = sides * to_texture.inverse();
+    const Vector3d right = edges.col(0), up = edges.col(1);
+    const Vector3d start =
+        transform * Vector3d(-1, -1, 0) - edges * (scale * uv.topRightCorner<2, 1>());
     if (texture.type == "bitmap") {
       // The first row of its pixels is where v is 0.
       v1::ImageReflectance& image = *surface.mutable_image();
@@ -630,8 +649,10 @@ class Importer {
       return;
     }
     *result_.scene.add_lights() = light;
-    if (const MitsubaPlugin* const bsdf = unwrapped_bsdf(shape))
-      leave(*bsdf, "a lamp is black here");
+    const MitsubaPlugin* const bsdf = unwrapped_bsdf(shape);
+    if (bsdf == nullptr) return;
+    const bool is_black = bsdf->type == "diffuse" && bsdf->colour("reflectance", 0.5) == Colour{};
+    if (!is_black) leave(*bsdf, "a lamp is black here");
   }
 
   // From W/sr over scene units^2.
@@ -766,8 +787,9 @@ class Importer {
           fmt::format("{}: its crop of {} x {} pixels from ({}, {}) on is not within {} x {}",
                       film->place, cropped_width, cropped_height, left, top, width, height));
     }
-    for (const char* const name : {"pixel_format", "component_format", "file_format", "banner",
-                                   "gamma", "variable", "attach_log", "sample_border"}) {
+    film_is_gray_ = film->text("pixel_format", "rgb").starts_with("luminance");
+    for (const char* const name : {"component_format", "file_format", "banner", "gamma", "variable",
+                                   "attach_log", "sample_border"}) {
       film->text(name, "");
     }
     result_.scene.mutable_film()->set_width(static_cast<uint32_t>(cropped_width));
@@ -829,6 +851,7 @@ class Importer {
   const MitsubaFile file_;
   std::set<const MitsubaPlugin*> visited_;                            // by leave_unused
   std::vector<std::pair<const MitsubaPlugin*, Affine3d>> one_sided_;  // of rectangles
+  bool film_is_gray_ = false;
   Affine3d world_;  // from the coordinates of the file to ours, in mm
   ImportedScene result_;
 };

@@ -24,8 +24,11 @@ struct ImportOptions {
 struct ImportedScene {
   v1::Scene scene;
   std::optional<std::array<Material, 3>> medium;  // of R, G and B, in 1/mm
-  std::string phase;     // text of a v1::PhaseFunction, if it is not that with the g of `medium`
-  uint32_t samples = 0;  // per pixel; 0: the file does not say
+  std::string phase;  // text of a v1::PhaseFunction, if it is not that with the g of `medium`
+  // Whether its medium has a colour, or its lights or surfaces and its film; an image of it should
+  // be in colour then. Not where a channel is asked for.
+  bool in_colour = false;
+  uint32_t samples = 0;                       // per pixel; 0: the file does not say
   std::vector<std::string> not_carried_over;  // a sentence each
 };
 

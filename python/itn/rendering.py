@@ -211,6 +211,23 @@ def set_medium(
     return any(len(kind) == 3 for kind in kinds)
 
 
+def medium_of(
+    scene: Scene,
+    *,
+    sigma_t: Numbers | None = None,
+    albedo: Numbers | None = None,
+    g: Numbers | None = None,
+    medium: str | Medium | None = None,
+    object_size: float | None = None,
+    phase: str | None = None,
+) -> _core.Request:
+    """A request with the medium alone, in colour if the film or one of its numbers is."""
+    request = _core.Request()
+    in_colour = set_medium(request, scene, sigma_t, albedo, g, medium, object_size, phase)
+    request.set_colour(in_colour or scene._core.is_in_colour())
+    return request
+
+
 def render(
     scene: Scene | Mapping[str, Any] | str | os.PathLike[str],
     *,

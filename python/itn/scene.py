@@ -84,8 +84,25 @@ class Scene:
         """The scene as the text of a scene file, which stands alone."""
         return self._core.to_text()
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes a scene file."""
+    def save(self, path: str | os.PathLike[str], **medium: Any) -> None:
+        """Writes a scene file; or, if its name ends in .xml, one of Mitsuba 3, and beside it the meshes and pictures
+        that it names.
+
+        medium: sigma_t, albedo, g, medium, object_size and phase of itn.render, for Mitsuba's files. Default: the
+            scene's own.
+
+        What has no counterpart in Mitsuba is said by a warning. Raises FileError, InvalidInput.
+        """
+        name = os.fspath(path)
+        if name.lower().endswith(".xml"):
+            from .rendering import medium_of
+
+            request = medium_of(self, **medium)
+            for sentence in _core.write_mitsuba_scene(name, self._core, request):
+                warn(f"{name}: {sentence}")
+            return
+        if medium:
+            raise InvalidInput(f"{next(iter(medium))}: the medium of a scene file is that of its object")
         with writing(path) as temporary, open(temporary, "w", encoding="utf-8") as file:
             file.write(self.to_text())
 
@@ -128,7 +145,7 @@ def load(
     given = [(key, str(value)) for key, value in (definitions or {}).items()]
     imported = _core.import_mitsuba(name, float(mm_per_unit), given)
     for sentence in imported.not_carried_over:
-        warn(f"{name}: {sentence}")
+        warn(sentence)
     if imported.phase:
         warn(f"{name}: its phase function is for the argument phase of itn.render, not in the scene: {imported.phase}")
     return _said(imported.scene)
@@ -197,8 +214,9 @@ def _rows(value: Any, name: str, place: str) -> npt.NDArray[Any]:
     except (TypeError, ValueError) as error:
         raise InvalidInput(f"{place}: it is an array of numbers: {error}") from None
     columns = _COLUMNS.get(name)
-    if columns and not (array.ndim == 2 and array.shape[1] == columns or array.ndim == 1 and array.size % columns == 0):
-        raise InvalidInput(f"{place}: an array of the shape {array.shape}; it is (n, {columns})")
+    in_rows = array.ndim == 1 and columns and array.size % columns == 0 or array.ndim > 1 and array.shape[-1] == columns
+    if columns and not in_rows:
+        raise InvalidInput(f"{place}: an array of the shape {array.shape}; it is (..., {columns})")
     if name in _WHOLE:
         if array.size and (array.dtype.kind not in "iu" or array.min() < 0 or array.max() >= 1 << 32):
             raise InvalidInput(f"{place}: they are whole numbers from 0 on")

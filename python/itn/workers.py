@@ -60,7 +60,6 @@ class _Relay:
             if self._child.returncode != 0:
                 raise programs.error_of("relay", self._child.returncode, programs.text_of(self._messages))
 
-
     def drop(self) -> None:
         """It has ended, or is the parent's of this process."""
         self._child.returncode = 0

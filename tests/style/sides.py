@@ -11,8 +11,8 @@ ONE_SIDED = {
     "common/part_cache.cpp": "it is of part_cache.h",
 }
 SIDES = ("server", "client")
-# All that the client knows of the server: rendering inside the program.
-DOORS = ("server/renderer.h", "server/render/render_server.h", "server/render/request_render.h")
+# All that the client knows of the server: rendering inside the program, and scenes as it understands them.
+DOORS = ("server/renderer.h", "server/exports/mitsuba_scene.h", "server/render/render_server.h", "server/render/request_render.h")
 
 includes = {}
 for side in ("common", *SIDES):

@@ -320,6 +320,39 @@ TEST_F(ImportMitsuba, ReadsOldNames) {
   EXPECT_THAT(imported.not_carried_over, ElementsAre(HasSubstr("its sun: of another model")));
 }
 
+TEST_F(ImportMitsuba, IsInColourAsTheFilmIs) {
+  const std::string lamp = R"(
+      <shape type="rectangle"><emitter type="area"><rgb name="radiance" value="1, 2, 3"/></emitter></shape>)";
+  EXPECT_TRUE(import(lamp + kSensor).in_colour);
+  EXPECT_FALSE(import(kSensor).in_colour);
+  EXPECT_FALSE(import(lamp + R"(<sensor type="perspective"><float name="fov" value="20"/>
+      <film type="hdrfilm"><string name="pixel_format" value="luminance"/></film></sensor>)")
+                   .in_colour);
+  options_.channel = v1::Film::RED;
+  EXPECT_FALSE(import(lamp + kSensor).in_colour);
+}
+
+TEST_F(ImportMitsuba, PutsTexturesWhereTheirTransformDoes) {
+  const ImportedScene imported = import(std::string(R"(
+      <shape type="rectangle"><bsdf type="diffuse">
+        <texture type="checkerboard" name="reflectance"><transform name="to_uv">
+          <matrix value="0 2 0 0.5  -4 0 0 1  0 0 1 0  0 0 0 1"/></transform></texture></bsdf></shape>)") +
+                                        kSensor);
+  // The texture's first coordinate goes along y, its second one against x: it is (0, 0) at u = 1/4
+  // and v = -1/4.
+  const v1::Checkerboard& board = imported.scene.surfaces(0).checkerboard();
+  expect_near(board.corner(), -0.5, -1.5, 0);
+  expect_near(board.edge_u(), 0, 0.5, 0);
+  expect_near(board.edge_v(), -0.25, 0, 0);
+  testing::expect_error(ErrorKind::kInvalidInput, {"to_uv", "flat"}, [&] {
+    import(std::string(R"(
+      <shape type="rectangle"><bsdf type="diffuse">
+        <texture type="checkerboard" name="reflectance"><transform name="to_uv">
+          <matrix value="1 1 0 0  1 1 0 0  0 0 1 0  0 0 0 1"/></transform></texture></bsdf></shape>)") +
+           kSensor);
+  });
+}
+
 TEST_F(ImportMitsuba, ReadsSurfacesAndLamps) {
   options_.mm_per_scene_unit = 10;
   const ImportedScene imported = import(std::string(R"(
@@ -343,6 +376,7 @@ TEST_F(ImportMitsuba, ReadsSurfacesAndLamps) {
       <emitter type="directional"><vector name="direction" value="0, -2, 0"/></emitter>)") +
                                         kSensor);
   const v1::Scene& scene = imported.scene;
+  EXPECT_TRUE(imported.in_colour);
   ASSERT_EQ(scene.surfaces_size(), 3);
   EXPECT_EQ(scene.surfaces(2).color().green(), 0.4F);
   const v1::Checkerboard& board = scene.surfaces(0).checkerboard();

@@ -371,6 +371,18 @@ TEST(MeshFileTest, EncodedPlyIsReadBitForBit) {
   }
 }
 
+TEST(MeshFileTest, EncodedPlyMayHaveNormals) {
+  const TemporaryFolder folder;
+  const Mesh mesh = make_shape("cube");
+  const std::vector<std::array<Vec3f, 3>> up(mesh.triangles.size(),
+                                             {Vec3f{0, 1, 0}, Vec3f{0, 1, 0}, Vec3f{0, 1, 0}});
+  const std::string ply = encode_ply(mesh, up);
+  EXPECT_THAT(ply, ::testing::HasSubstr("property float nz"));
+  const Mesh read = load_mesh(folder.write("cube.ply", ply));  // welds its corners
+  EXPECT_EQ(read.vertices.size(), mesh.vertices.size());
+  EXPECT_DOUBLE_EQ(signed_volume(read), signed_volume(mesh));
+}
+
 // The first number of a binary file may begin with a byte that looks like a line end. Properties
 // and elements that a mesh does not need are passed over.
 TEST(MeshFileTest, BinaryPlyOfEitherByteOrder) {
