@@ -484,7 +484,7 @@ PyImage render(const PyScene& scene, const PyRequest& request, const Relay* rela
   image.replies = replies_of(image.channels, std::move(done.replies));
   image.spp = done.spp;
   image.interrupted = done.interrupted;
-  image.remarks = remarks_on(image.channels, image.replies, image.counters);
+  image.remarks = remarks_on(image.channels, image.replies, image.counters, goal, image.spp);
   image.seconds = std::chrono::duration<double>(steady_clock::now() - start).count();
   return image;
 }
@@ -573,26 +573,11 @@ NB_MODULE(_core, module) {
           })
       .def("is_in_colour",
            [](const PyScene& scene) { return scene.message.film().channel() == v1::Film::RGB; })
-      .def("resized",
-           [](const PyScene& scene, uint32_t width, uint32_t height) {
-             PyScene other = scene;
-             other.message.mutable_film()->set_width(width);
-             other.message.mutable_film()->set_height(height);
-             return other;
-           })
-      // The medium that the scene's object has: a name and a size, or a material for each channel.
-      .def("medium",
-           [](const PyScene& scene) {
-             const auto& medium = scene.message.object().medium();
-             return std::pair(medium.name(), double{medium.object_size()});
-           })
-      .def("materials", [](const PyScene& scene) {
-        Materials materials;
-        if (scene.message.object().material().empty()) return materials;
-        for (const v1::Film::Channel shown : {v1::Film::RED, v1::Film::GREEN, v1::Film::BLUE}) {
-          add(*material_of("scene.object", scene.message.object(), shown), materials);
-        }
-        return materials;
+      .def("resized", [](const PyScene& scene, uint32_t width, uint32_t height) {
+        PyScene other = scene;
+        other.message.mutable_film()->set_width(width);
+        other.message.mutable_film()->set_height(height);
+        return other;
       });
 
   nb::class_<PyImport>(module, "Import")
@@ -616,12 +601,13 @@ NB_MODULE(_core, module) {
 
   nb::class_<PyRequest>(module, "Request")
       .def(nb::init<>())
-      .def_prop_rw(
-          "medium", [](const PyRequest& r) { return r.image.medium; },
-          [](PyRequest& r, const std::string& medium) { r.image.medium = medium; })
-      .def_prop_rw(
-          "object_size", [](const PyRequest& r) { return r.image.object_size; },
-          [](PyRequest& r, double size) { r.image.object_size = size; })
+      .def("set_medium",
+           [](PyRequest& r, const std::string& name, double object_size) {
+             r.image.medium = name;
+             r.image.object_size = object_size;
+           })
+      .def("take_medium",
+           [](PyRequest& r, const PyScene& scene) { return take_medium(scene.message, r.image); })
       .def("set_material",
            [](PyRequest& r, std::vector<double> sigma_t, std::vector<double> albedo,
               std::vector<double> g) {

@@ -179,21 +179,7 @@ void take_medium(const v1::Scene& scene, RenderFlags& options) {
   const bool has_flags = !options.image.sigma_t.empty() || !options.image.albedo.empty() ||
                          !options.image.g.empty() || !options.phase.empty() ||
                          !options.image.medium.empty();
-  const auto in_channel = [&](v1::Film::Channel shown) {
-    return material_of("scene.object", scene.object(), shown);
-  };
-  if (!has_flags && scene.object().has_medium()) {
-    in_channel(v1::Film::GREEN);  // is checked
-    options.image.medium = scene.object().medium().name();
-    options.image.object_size = double{scene.object().medium().object_size()};
-  } else if (!has_flags && !scene.object().material().empty()) {
-    for (const v1::Film::Channel shown : {v1::Film::RED, v1::Film::GREEN, v1::Film::BLUE}) {
-      const Material material = *in_channel(shown);
-      options.image.sigma_t.push_back(material.sigma_t);
-      options.image.albedo.push_back(material.albedo);
-      options.image.g.push_back(material.g);
-    }
-  }
+  if (!has_flags && itn::take_medium(scene, options.image)) return;
   const bool has_medium = scene.object().has_medium() || !scene.object().material().empty();
   require_usage(
       !has_flags || !has_medium || !options.image.medium.empty() ||
@@ -220,12 +206,16 @@ std::string what_is_left(const RenderGoal& goal, const RenderedSoFar& so_far) {
   return fmt::format(", about {:.2g} s left in all", std::max(0.0, seconds));
 }
 
+RenderGoal goal_of(const RenderFlags& options) {
+  return {options.noise, options.seconds, options.image.spp, options.image.estimates};
+}
+
 RoundsReply render(const RenderFlags& options, const std::vector<RenderJob>& jobs,
                    std::chrono::steady_clock::time_point start) {
   RenderPool pool(options.workers.pool_options());
   std::optional<Progress> progress;
   uint32_t begun = 0;  // samples when the round began that is shown
-  const RenderGoal goal{options.noise, options.seconds, options.image.spp, options.image.estimates};
+  const RenderGoal goal = goal_of(options);
   RoundsReply reply = render_rounds(
       pool, jobs, goal, start, [&](const RenderedSoFar& so_far, uint32_t round, double fraction) {
         throw_if_interrupted();
@@ -374,21 +364,6 @@ std::string noise_text(double noise, bool is_known) {
   return is_known ? fmt::format("{:.2g} %", 100 * noise) : "unknown";
 }
 
-// Warns where samples or time were over before the noise was reached.
-void warn_noise(const Image& image, const RenderFlags& options,
-                const std::vector<ImageChannel>& channels) {
-  double noise = 0;
-  bool is_known = true;
-  for (const ImageChannel& channel : channels) {
-    noise = std::max(noise, noise_of(image, channel.name));
-    is_known = is_known && knows_noise(image, channel.name, options);
-  }
-  if (options.noise == 0 || (is_known && noise <= options.noise)) return;
-  spdlog::warn("the noise is {}, not {:.2g} %: the {} over before", noise_text(noise, is_known),
-               100 * options.noise,
-               options.seconds > 0 ? "time or the samples were" : "samples were");
-}
-
 double mean_over_object(const Image& image, const std::string& channel) {
   const std::vector<float>& radiance = image.channel(channel);
   const std::vector<float>& mask = image.channel("mask.Y");
@@ -468,9 +443,10 @@ void run(RenderFlags options) {
   const v1::Counters counters = sum_of_counters(replies);
   const std::vector<v1::RenderGradReply> in_channels = replies_of(channels, std::move(replies));
   const Image image = make_image(channels, jobs[0], in_channels, counters, options);
-  warn_noise(image, options, channels);
-  for (const std::string& remark : remarks_on(channels, in_channels, counters))
+  for (const std::string& remark :
+       remarks_on(channels, in_channels, counters, goal_of(options), spp)) {
     spdlog::warn(remark);
+  }
   write_exr(options.output, image);
   if (!options.png.empty()) write_preview(options, image, channels);
   if (interrupted) {

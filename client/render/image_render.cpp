@@ -3,10 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 #include <utility>
 
 #include "client/object_media.h"
+#include "client/render/reply_images.h"
 #include "client/render/shared_colours.h"
 #include "client/render/tiles.h"
 #include "common/error.h"
@@ -65,7 +67,38 @@ bool share_paths(const ImageRequest& request, const v1::Scene& scene,
          shared_paths_pay(materials, longest_side(object_bounds("scene.object", scene.object())));
 }
 
+// Of the noisiest channel. NaN where nothing tells: of one sample, or without light.
+double noise_of(std::span<const v1::RenderGradReply> replies, const std::vector<float>& mask,
+                uint32_t spp) {
+  double noise = 0;
+  for (const v1::RenderGradReply& reply : replies) {
+    const std::vector<float> radiance = mean_radiance(reply, spp);
+    if (spp == 1 || std::ranges::none_of(radiance, [](float v) { return v > 0; })) return NAN;
+    const std::vector<float> error = from_bytes<float>(reply.standard_error());
+    noise = std::max(noise, noise_on_object(radiance, error, mask));
+  }
+  return noise;
+}
+
 }  // namespace
+
+bool take_medium(const v1::Scene& scene, ImageRequest& request) {
+  const v1::Object& object = scene.object();
+  if (object.has_medium()) {
+    material_of("scene.object", object, v1::Film::GREEN);  // is checked
+    request.medium = object.medium().name();
+    request.object_size = double{object.medium().object_size()};
+    return true;
+  }
+  if (object.material().empty()) return false;
+  for (const v1::Film::Channel shown : {v1::Film::RED, v1::Film::GREEN, v1::Film::BLUE}) {
+    const Material material = *material_of("scene.object", object, shown);
+    request.sigma_t.push_back(material.sigma_t);
+    request.albedo.push_back(material.albedo);
+    request.g.push_back(material.g);
+  }
+  return true;
+}
 
 std::vector<ImageChannel> channels_of(const ImageRequest& request, const v1::Scene& scene) {
   const auto channel = [&](const char* name, v1::Film::Channel shown) {
@@ -123,9 +156,17 @@ double coverage(std::span<const float> mask) {
 
 std::vector<std::string> remarks_on(std::span<const ImageChannel> channels,
                                     std::span<const v1::RenderGradReply> replies,
-                                    const v1::Counters& counters) {
+                                    const v1::Counters& counters, const RenderGoal& goal,
+                                    uint32_t spp) {
   std::vector<std::string> remarks;
-  const double covered = coverage(from_bytes<float>(replies[0].mask()));
+  const std::vector<float> mask = from_bytes<float>(replies[0].mask());
+  if (const double noise = noise_of(replies, mask, spp); goal.noise > 0 && !(noise <= goal.noise)) {
+    remarks.push_back(fmt::format(
+        "the noise is {}, not {:.2g} %: the {} over before",
+        std::isnan(noise) ? "unknown" : fmt::format("{:.2g} %", 100 * noise), 100 * goal.noise,
+        goal.seconds > 0 ? "time or the samples were" : "samples were"));
+  }
+  const double covered = coverage(mask);
   const double pixels = static_cast<double>(replies[0].width()) * replies[0].height();
   constexpr double kTiny = 1e-3;
   if (covered < kTiny || covered * pixels < 1) {

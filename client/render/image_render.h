@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "client/render/render_query.h"
+#include "client/render/render_rounds.h"
 #include "common/material.h"
 #include "itn/v1/render.pb.h"
 #include "itn/v1/scene.pb.h"
@@ -33,6 +34,10 @@ struct ImageRequest {
   v1::RenderedPixels pixels = v1::ALL_PIXELS;
   v1::Tracer tracer = v1::WAVEFRONT;
 };
+
+// Takes the medium or the materials that the scene's object has; false if it has none. Throws Error
+// (invalid input) if there is no such measured medium.
+bool take_medium(const v1::Scene& scene, ImageRequest& request);
 
 // What is rendered for a channel of the image.
 struct ImageChannel {
@@ -64,11 +69,12 @@ v1::Counters sum_of_counters(std::span<const v1::RenderGradReply> replies);
 // The part of the image's pixels that the object covers. `mask`: that of a reply, not empty.
 double coverage(std::span<const float> mask);
 
-// For people: what may be wrong with the image, a sentence each. Throws Error (invalid input) if
-// more than a hundredth of the paths that meet the object were dropped: that is no image of the
-// scene. `counters`: of all renders.
+// For people: what may be wrong with the image, of so many samples, a sentence each. Throws Error
+// (invalid input) if more than a hundredth of the paths that meet the object were dropped: that is
+// no image of the scene. `counters`: of all renders.
 std::vector<std::string> remarks_on(std::span<const ImageChannel> channels,
                                     std::span<const v1::RenderGradReply> replies,
-                                    const v1::Counters& counters);
+                                    const v1::Counters& counters, const RenderGoal& goal,
+                                    uint32_t spp);
 
 }  // namespace itn

@@ -186,22 +186,16 @@ def set_medium(
     if g is not None and phase is not None:
         raise InvalidInput("g and phase: a phase function says itself what its mean cosine is")
     if medium is None and not given:
-        name, size = scene._core.medium()
-        materials = scene._core.materials()
-        if name:
-            request.medium, request.object_size = name, size
-        elif materials:
-            request.set_material(*(list(kind) for kind in zip(*materials)))
-        else:
+        if not request.take_medium(scene._core):
             raise InvalidInput(
                 "sigma_t and albedo are required, or medium, or a medium or material in the scene's object"
             )
         return False
     if medium is not None:
-        request.medium = medium.name if isinstance(medium, Medium) else named("medium", medium, str, "a name")
-        if not request.medium:
+        name = medium.name if isinstance(medium, Medium) else named("medium", medium, str, "a name")
+        if not name:
             raise InvalidInput("medium '': it is the name of a measured medium; itn.materials() has them")
-        request.object_size = 0.0 if object_size is None else positive("object_size", object_size)
+        request.set_medium(name, 0.0 if object_size is None else positive("object_size", object_size))
         return False
     if sigma_t is None or albedo is None:
         raise InvalidInput("sigma_t and albedo are both required where one of the medium's numbers is given")
@@ -339,12 +333,7 @@ def render(
         raise Cancelled("cancelled")
     for remark in [*done.remarks, *_core.take_messages()]:
         warn(remark)
-    rendered = _render_of(done, names)
-    if noise is not None and not rendered.noise <= noise:
-        warn(
-            f"the noise is {100 * rendered.noise:.2g} %, not {100 * noise:.2g} %: the time or the samples were over before"
-        )
-    return rendered
+    return _render_of(done, names)
 
 
 def _render_of(done: _core.Image, names: list[str]) -> Render:
