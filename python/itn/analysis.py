@@ -8,7 +8,7 @@ import pathlib
 import shutil
 import tempfile
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -153,6 +153,12 @@ class Refinement(Answer):
         return list(dict.fromkeys(remark for result in self._channels for remark in result.get("remarks", [])))
 
     @property
+    def trajectory(self) -> list[dict[str, Any]]:
+        """What each iteration was: materials, loss, spp, seconds and so on (RefineIteration in
+        docs/reference/refine.md)."""
+        return _iterations(self.folder)
+
+    @property
     def misfit(self) -> bool:
         """Whether image and renders differ by more than noise: no interval holds then."""
         return any(result.get("misfit", False) for result in self._channels)
@@ -275,6 +281,15 @@ class Files:
         return made
 
 
+def _iterations(folder: str) -> list[dict[str, Any]]:
+    """Those that there are by now."""
+    try:
+        with open(os.path.join(folder, "trajectory.jsonl"), encoding="utf-8") as lines:
+            return [json.loads(line) for line in lines]
+    except FileNotFoundError:
+        return []
+
+
 def _several(pictures: Any) -> list[Any]:
     return (
         list(pictures)
@@ -363,6 +378,7 @@ def refine(
     scene: Scene | Mapping[str, Any] | str | os.PathLike[str] | Sequence[Any],
     *,
     output: str | os.PathLike[str] | None = None,
+    progress: Callable[[dict[str, Any]], Any] | None = None,
     **flags: Any,
 ) -> Refinement:
     """Finds the material for which renders of a known scene are like the images.
@@ -370,6 +386,7 @@ def refine(
     images: files, Renders or arrays of linear radiance, one or several. A Render brings its mask and its noise.
     scene: of all images, or a list of one for each. Of Renders and arrays in colour, their films are, too.
     output: a folder from which the same call goes on, if it is stopped; default: one that goes with the answer.
+    progress: called after each iteration with what Refinement.trajectory has of it; what it raises ends this.
     flags: of `itn refine` (docs/reference/commands.md), with underscores: init="mean", mask=..., time_limit=60,
         unknown_exposure=True, workers="host:50051".
 
@@ -384,7 +401,7 @@ def refine(
         )
     positional = _named(pictures, files)
     flags = {"init": "mean", **flags, "scene": [files.scene(one, files.any_in_colour) for one in scenes]}
-    return _refinement("refine", positional, output, flags, files)
+    return _refinement("refine", positional, output, progress, flags, files)
 
 
 def fit(
@@ -394,6 +411,7 @@ def fit(
     object_size: float | Sequence[float] | None = None,
     light: str | os.PathLike[str] = "flash",
     output: str | os.PathLike[str] | None = None,
+    progress: Callable[[dict[str, Any]], Any] | None = None,
     **flags: Any,
 ) -> Refinement:
     """Finds the material of an object of known shape from its photographs.
@@ -403,6 +421,7 @@ def fit(
     object_size: its longest side, in mm.
     light: "flash", "sun", or the file of a panorama.
     output: a folder for what is found; default: one that goes with the answer.
+    progress: called after each iteration of the refinement, as of refine().
     flags: of `itn fit` (docs/reference/commands.md), with underscores: mask=..., background="auto",
         gray_card=(80, 140, 80, 80), time_limit=120. The time is that of the refinement; search and report take more.
 
@@ -413,14 +432,31 @@ def fit(
     if given.get("scene") is not None:
         scenes = given["scene"] if isinstance(given["scene"], (list, tuple)) else [given["scene"]]
         given["scene"] = [files.scene(one, False) for one in scenes]
-    return _refinement("fit", _named(_several(photographs), files), output, given, files)
+    return _refinement("fit", _named(_several(photographs), files), output, progress, given, files)
 
 
 def _refinement(
-    command: str, positional: list[str], output: str | os.PathLike[str] | None, flags: dict[str, Any], files: Files
+    command: str,
+    positional: list[str],
+    output: str | os.PathLike[str] | None,
+    progress: Callable[[dict[str, Any]], Any] | None,
+    flags: dict[str, Any],
+    files: Files,
 ) -> Refinement:
     folder = os.path.abspath(output) if output is not None else files.new("", "the folder of the answer")
+    said = len(_iterations(folder))
+
+    def watch() -> None:
+        nonlocal said
+        for iteration in _iterations(folder)[said:]:
+            said += 1
+            if progress is not None:
+                progress(iteration)
+
+    given = {**files.flags(flags), "output": folder, "json": True}
     found = json.loads(
-        programs.run(command, positional, {**files.flags(flags), "output": folder, "json": True}, names=files.names)
+        programs.run(command, positional, given, names=files.names, watch=watch if progress is not None else None)
     )
+    if progress is not None:
+        watch()
     return Refinement(found, found["results"] if "results" in found else [found], folder, files)

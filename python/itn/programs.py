@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import IO, Any
 
 from . import _core
@@ -83,11 +83,11 @@ def run(
     names: Mapping[str, str] | None = None,
     warns: bool = True,
     accepts: Collection[int] = (),
-    stop: _core.Stop | None = None,
+    watch: Callable[[], Any] | None = None,
 ) -> str:
     """Runs a command of itn and returns what it prints. What it warns of are warnings here. Ctrl-C ends it. `names`:
     what messages call files that the user did not name. `accepts`: exit codes that are no error where something was
-    printed."""
+    printed. `watch`: is called all the time; what it raises ends the command."""
     if "help" in flags:
         raise InvalidInput("help: docs/reference/commands.md says what flags there are")
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as messages:
@@ -102,10 +102,10 @@ def run(
         try:
             while True:
                 with contextlib.suppress(subprocess.TimeoutExpired):
-                    child.wait(timeout=0.05 if stop is not None else None)
+                    child.wait(timeout=0.05 if watch is not None else None)
                     break
-                if stop is not None and stop.requested:
-                    raise Cancelled("cancelled")
+                if watch is not None:
+                    watch()
         except BaseException:
             _end(child)
             raise

@@ -74,13 +74,32 @@ class Analyses(unittest.TestCase):
     def test_find_the_material_of_a_render(self):
         scene = itn.load(EXAMPLES / "cube.textproto").resized(48)
         done = itn.render(scene, sigma_t=20, albedo=0.8, g=0.3, spp=256)
-        answer = copy.deepcopy(itn.refine(done, scene.to_dict(), max_iterations=10))
+        said = []
+        answer = copy.deepcopy(itn.refine(done, scene.to_dict(), max_iterations=10, progress=said.append))
+        self.assertEqual([one["iteration"] for one in said], list(range(1, len(said) + 1)))
+        self.assertEqual(said, answer.trajectory)
+        self.assertAlmostEqual(said[-1]["materials"][0]["albedo"], answer.albedo[0], delta=0.05)
         self.assertFalse(answer.misfit)
         self.assertLess(abs(answer.albedo[0] - 0.8), 0.05)
         self.assertEqual(answer.percent, 95)
         with tempfile.TemporaryDirectory() as folder:
             pickle.loads(pickle.dumps(answer)).write(f"{folder}/cube.xml")
             self.assertIn("homogeneous", (pathlib.Path(folder) / "cube.xml").read_text())
+
+    def test_end_where_progress_raises_and_go_on(self):
+        def stop(_):
+            raise StopIteration
+
+        done = itn.render(EXAMPLES / "cube.textproto", sigma_t=20, albedo=0.8, spp=64, resolution=32)
+        with tempfile.TemporaryDirectory() as folder:
+            arguments = {"output": f"{folder}/out", "max_iterations": 6}
+            scene = itn.load(EXAMPLES / "cube.textproto").resized(32)
+            with self.assertRaises(StopIteration):
+                itn.refine(done, scene, progress=stop, **arguments)
+            begun = len(pathlib.Path(folder, "out/trajectory.jsonl").read_text().splitlines())
+            said = []
+            answer = itn.refine(done, scene, progress=said.append, **arguments)
+            self.assertEqual(len(said), len(answer.trajectory) - begun)
 
     def test_find_materials_of_images_in_colour(self):
         scene = itn.load(EXAMPLES / "cube.textproto").resized(32)
