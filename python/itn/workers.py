@@ -25,7 +25,6 @@ class _Relay:
     """The program as a child. One call at a time uses it."""
 
     def __init__(self, addresses: str):
-        # Addresses, and the variables that say how to connect to them.
         self.asks = _asks(addresses)
         self._messages = tempfile.TemporaryFile("a+b")
         ours, theirs = socket.socketpair()
@@ -66,8 +65,10 @@ class _Relay:
         self._messages.close()
 
 
-def _asks(addresses: str) -> tuple[str, frozenset[tuple[str, str]]]:
-    return addresses, frozenset((name, value) for name, value in os.environ.items() if name.startswith("ITN_"))
+def _asks(addresses: str) -> tuple[str, str, frozenset[tuple[str, str]]]:
+    """What a relay's connections follow from: addresses may be paths, and variables say how to connect."""
+    variables = frozenset((name, value) for name, value in os.environ.items() if name.startswith("ITN_"))
+    return addresses, os.getcwd(), variables
 
 
 _lock = threading.Lock()
