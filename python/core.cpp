@@ -14,6 +14,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cstddef>
@@ -496,39 +497,46 @@ Materials materials_of(const std::vector<ImageChannel>& channels) {
   return materials;
 }
 
-// The gradient of the weighted sum of the pixels of one channel, by estimate, in the request's
-// derivatives.
+// The gradient of the weighted sum of the pixels, in the request's derivatives, for each channel of
+// the image, of which there are as many `weights`.
 std::vector<std::vector<double>> gradient(const PyScene& scene, const PyRequest& request,
-                                          const Relay* relay, const std::string& channel,
-                                          const Plane& weights, Stop* stop) {
+                                          const Relay* relay, const std::vector<Plane>& weights,
+                                          Stop* stop) {
   const UnderWay under_way;
   const Watch watch(stop, nb::none());
   const nb::gil_scoped_release unlocked;
-  v1::Scene shown = scene.message;
-  for (const auto& [name, value] :
-       {std::pair{"R", v1::Film::RED}, {"G", v1::Film::GREEN}, {"B", v1::Film::BLUE}}) {
-    if (channel == name) shown.mutable_film()->set_channel(value);
+  const std::vector<ImageChannel> channels = channels_of(request.image, scene.message);
+  require(weights.size() == channels.size(),
+          fmt::format("weights: they are of {} channels, the image has {}", weights.size(),
+                      channels.size()));
+  const v1::Film& film = scene.message.film();
+  std::vector<std::vector<double>> gradients(channels.size());
+  std::vector<RenderJob> jobs;
+  std::vector<size_t> channel_of_job;
+  for (size_t c = 0; c < channels.size(); ++c) {
+    const Plane& plane = weights[c];
+    require(plane.shape(0) == film.height() && plane.shape(1) == film.width(),
+            fmt::format("weights: they are {} x {}, the film is {} x {} (height x width)",
+                        plane.shape(0), plane.shape(1), film.height(), film.width()));
+    const std::span numbers(plane.data(), plane.size());
+    gradients[c].resize(request.image.derivatives.size());
+    if (std::ranges::all_of(numbers, [](float w) { return w == 0; })) continue;
+    v1::Scene shown = scene.message;
+    shown.mutable_film()->set_channel(channels[c].shown);
+    ImageRequest one = request.image;
+    one.colour = false;
+    RenderJob& job = jobs.emplace_back(jobs_of(one, shown, channels_of(one, shown)).front());
+    job.request.mutable_gradient()->set_weight(to_bytes(numbers));
+    channel_of_job.push_back(c);
   }
-  require(
-      weights.shape(0) == shown.film().height() && weights.shape(1) == shown.film().width(),
-      fmt::format("weights: they are {} x {}, the film is {} x {} (height x width)",
-                  weights.shape(0), weights.shape(1), shown.film().height(), shown.film().width()));
-  ImageRequest one = request.image;
-  one.colour = false;
-  RenderJob job = jobs_of(one, shown, channels_of(one, shown)).front();
-  job.request.mutable_gradient()->set_weight(
-      to_bytes(std::span<const float>(weights.data(), weights.size())));
   ChosenRenderer renderer(relay, request.threads);
-  std::future<v1::RenderGradReply> pending = renderer.get().submit(std::move(job));
-  do {
-    watch.look(0);
-  } while (pending.wait_for(milliseconds(10)) != std::future_status::ready);
-  const v1::RenderGradReply reply = pending.get();
-  std::vector<std::vector<double>> estimates;
-  for (const v1::Estimate& estimate : reply.estimates()) {
-    estimates.emplace_back(estimate.gradient().begin(), estimate.gradient().end());
+  const std::vector<v1::RenderGradReply> replies =
+      renderer.get().render_split(jobs, [&](double fraction) { watch.look(fraction); });
+  for (size_t i = 0; i < replies.size(); ++i) {
+    const auto& numbers = replies[i].estimates(0).gradient();
+    gradients[channel_of_job[i]].assign(numbers.begin(), numbers.end());
   }
-  return estimates;
+  return gradients;
 }
 
 }  // namespace
@@ -696,8 +704,8 @@ NB_MODULE(_core, module) {
   module.def("materials_of", [](const PyScene& scene, const PyRequest& request) {
     return materials_of(channels_of(request.image, scene.message));
   });
-  module.def("gradient", gradient, "scene"_a, "request"_a, "relay"_a.none(), "channel"_a,
-             "weights"_a, "stop"_a.none());
+  module.def("gradient", gradient, "scene"_a, "request"_a, "relay"_a.none(), "weights"_a,
+             "stop"_a.none());
 }
 
 }  // namespace itn

@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <cstddef>
+#include <cstdint>
 #include <deque>
 #include <utility>
 
@@ -14,6 +15,9 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr milliseconds kProgressEvery{10};
+
+// Tiles on a side of a gradient: the weights of all pixels travel with each.
+constexpr uint32_t kMostOfAGradient = 4;
 
 }  // namespace
 
@@ -32,7 +36,12 @@ std::vector<v1::RenderGradReply> JobRenderer::render_split(std::span<const Rende
   for (size_t i = 0; i < jobs.size(); ++i) {
     const v1::Tile whole = pixels_of(jobs[i]);
     replies.emplace_back(whole);
-    for (const v1::Tile& tile : tiles_of(whole, jobs[i].request.spp())) parts.push_back({i, tile});
+    const v1::RenderGradRequest& request = jobs[i].request;
+    for (const v1::Tile& tile : request.has_gradient()
+                                    ? tiles_of(whole, request.spp(), kMostOfAGradient)
+                                    : tiles_of(whole, request.spp())) {
+      parts.push_back({i, tile});
+    }
   }
   std::deque<std::future<v1::RenderGradReply>> pending;
   for (size_t next = 0, done = 0; done < parts.size(); ++done) {

@@ -31,8 +31,8 @@ class JobRenderer {
 
   // Renders one job (not a loss) in tiles at the same time and puts them together. How many are
   // rendered at the same time does not matter; without a pilot, neither does it that there are
-  // tiles: the images are those of `submit`, bit for bit. Throws what the futures of `submit`
-  // throw.
+  // tiles: the images are those of `submit`, bit for bit, and a gradient is the same but for
+  // rounding. Throws what the futures of `submit` throw.
   v1::RenderGradReply render_split(const RenderJob& job, const Progress& progress = {});
   // Several, one after the other, and nobody idles between them.
   std::vector<v1::RenderGradReply> render_split(std::span<const RenderJob> jobs,

@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <utility>
+#include <vector>
+
+#include "common/scene/wire_array.h"
 
 namespace itn {
 namespace {
@@ -17,6 +20,18 @@ uint32_t begin_of(uint32_t i, uint32_t n, uint32_t length) {
   return static_cast<uint32_t>(uint64_t{length} * i / n);
 }
 
+// Float32, not of pixels: those of all tiles are added up.
+void add_numbers(const std::string& part, std::string& sum) {
+  if (sum.empty()) {
+    sum = part;
+    return;
+  }
+  std::vector<float> numbers = from_bytes<float>(sum);
+  const std::vector<float> further = from_bytes<float>(part);
+  for (size_t i = 0; i < numbers.size(); ++i) numbers[i] += further[i];
+  sum = to_bytes(numbers);
+}
+
 }  // namespace
 
 v1::Tile pixels_of(const RenderJob& job) {
@@ -27,10 +42,10 @@ v1::Tile pixels_of(const RenderJob& job) {
   return film;
 }
 
-std::vector<v1::Tile> tiles_of(const v1::Tile& whole, uint32_t spp) {
+std::vector<v1::Tile> tiles_of(const v1::Tile& whole, uint32_t spp, uint32_t most) {
   const double side = std::max(std::sqrt(kSamplesPerTile / std::max(spp, 1U)), kMinSide);
   const auto number = [&](uint32_t length) {
-    return static_cast<uint32_t>(std::max(1.0, std::round(length / side)));
+    return std::min(most, static_cast<uint32_t>(std::max(1.0, std::round(length / side))));
   };
   const uint32_t columns = number(whole.width()), rows = number(whole.height());
   std::vector<v1::Tile> tiles;
@@ -59,6 +74,12 @@ void TiledReply::add(const v1::Tile& tile, const v1::RenderGradReply& part) {
     copy(tile, from.derivatives(), *to.mutable_derivatives());
     copy(tile, from.at_albedos(), *to.mutable_at_albedos());
     copy(tile, from.colours(), *to.mutable_colours());
+    while (to.gradient_size() < from.gradient_size()) to.add_gradient(0);
+    for (int i = 0; i < from.gradient_size(); ++i) {
+      to.set_gradient(i, to.gradient(i) + from.gradient(i));
+    }
+    add_numbers(from.light_gradient(), *to.mutable_light_gradient());
+    add_numbers(from.normal_gradient(), *to.mutable_normal_gradient());
   }
   copy(tile, part.colour_standard_errors(), *reply_.mutable_colour_standard_errors());
   copy(tile, part.mask(), *reply_.mutable_mask());

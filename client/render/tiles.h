@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <string>
 #include <utility>
 #include <vector>
@@ -16,8 +17,9 @@ v1::Tile pixels_of(const RenderJob& job);
 
 // Cuts a rectangle into tiles of about equal size that cover it without overlap, row by row. They
 // follow from its size and the samples per pixel alone: images after a pilot depend on the tiles,
-// and must not depend on who renders them.
-std::vector<v1::Tile> tiles_of(const v1::Tile& whole, uint32_t spp);
+// and must not depend on who renders them. There are `most` of them on a side.
+std::vector<v1::Tile> tiles_of(const v1::Tile& whole, uint32_t spp,
+                               uint32_t most = std::numeric_limits<uint32_t>::max());
 
 // Puts the answers for tiles into one.
 class TiledReply {

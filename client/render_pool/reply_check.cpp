@@ -53,6 +53,9 @@ void check_images(const v1::RenderGradReply& reply, const v1::RenderGradRequest&
     for (const std::string& image : estimate.derivatives()) {
       check_image("a derivative", image, pixels, -kMaxValue, kMaxValue);
     }
+    check_number("the number of gradients", estimate.gradient_size(),
+                 request.has_gradient() ? derivative_count(request) : 0);
+    for (const double gradient : estimate.gradient()) check_finite("a gradient", gradient);
     check_number("the number of at_albedos", estimate.at_albedos_size(), request.albedos_size());
     for (const std::string& image : estimate.at_albedos()) {
       check_image("radiance at an albedo", image, pixels, 0, kMaxValue);

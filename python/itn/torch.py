@@ -29,7 +29,6 @@ from .scene import Scene, as_scene
 from .workers import Workers, asked
 
 _MEDIUM = ("sigma_t", "albedo", "g")
-_COLOURS = ("R", "G", "B")
 # Images that workers are asked for at a time.
 _MOST_ASKED = 64
 # What is added to the seed of an image for that of its gradient, whose samples are to be others.
@@ -120,27 +119,17 @@ class _Job:
         if not np.isfinite(weights).all():
             raise InvalidInput("the loss has a gradient in the image that is not finite")
         values = self.values(tensors)
-        rows = []
-        for c in range(3 if self.in_colour else 1):
-            of_channel = np.ascontiguousarray(weights[..., c] if self.in_colour else weights, dtype=np.float32)
-            if not of_channel.any():
-                rows.append([0.0] * len(wanted))
-                continue
-            request = _core.Request()
-            request.set_material(
-                *(
-                    [float(values[name][c if values[name].size == 3 else 0])] if name in values else []
-                    for name in _MEDIUM
-                )
-            )
-            request.set_phase(self.phase or "")
-            request.set_samples(self.spp_grad, self.seed_grad, 1, 0)
-            request.set_derivatives([self.names[i] for i in wanted])
-            request.set_values(list(self.of_scene(values).items()))
-            request.set_threads(means.threads)
-            channel = _COLOURS[c] if self.in_colour else ""
-            rows.append(_core.gradient(self.scene._core, request, means.relay, channel, of_channel, means.stop)[0])
-        return np.array(rows)
+        request = _core.Request()
+        request.set_material(*(values[name].tolist() if name in values else [] for name in _MEDIUM))
+        request.set_phase(self.phase or "")
+        request.set_colour(self.in_colour)
+        request.set_samples(self.spp_grad, self.seed_grad, 1, 0)
+        request.set_derivatives([self.names[i] for i in wanted])
+        request.set_values(list(self.of_scene(values).items()))
+        request.set_threads(means.threads)
+        channels = np.moveaxis(np.atleast_3d(weights), -1, 0)
+        planes = [np.ascontiguousarray(plane, dtype=np.float32) for plane in channels]
+        return np.array(_core.gradient(self.scene._core, request, means.relay, planes, means.stop))
 
 
 class _Renders(torch.autograd.Function):

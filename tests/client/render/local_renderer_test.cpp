@@ -3,12 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
+#include <cmath>
 #include <cstdint>
 #include <future>
 #include <string>
 #include <vector>
 
 #include "common/error.h"
+#include "common/scene/wire_array.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/scenes.h"
 
@@ -46,6 +48,22 @@ TEST_F(LocalRendererTest, AnswersTheSameByAnyNumberOfThreads) {
   EXPECT_EQ(render_all(three, 12), expected);
   EXPECT_EQ(cache_.misses(), 1U);
   EXPECT_NE(expected[0], expected[1]);
+}
+
+TEST_F(LocalRendererTest, AddsGradientsOfTilesUp) {
+  LocalRenderer renderer(cache_, 2);
+  RenderJob job = small_job(1, 1024);
+  job.scene = serialize(testing::cube_scene(50, 40));
+  job.request.mutable_gradient()->set_weight(to_bytes(std::vector<float>(50 * 40, 0.5F)));
+  const v1::RenderGradReply whole = renderer.submit(job).get(), split = renderer.render_split(job);
+  ASSERT_EQ(split.estimates_size(), whole.estimates_size());
+  for (int k = 0; k < whole.estimates_size(); ++k) {
+    const auto& expected = whole.estimates(k).gradient();
+    ASSERT_EQ(split.estimates(k).gradient_size(), expected.size());
+    for (int i = 0; i < expected.size(); ++i) {
+      EXPECT_NEAR(split.estimates(k).gradient(i), expected[i], 1e-4 * std::abs(expected[i]));
+    }
+  }
 }
 
 TEST_F(LocalRendererTest, PutsTilesTogetherBitForBit) {

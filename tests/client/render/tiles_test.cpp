@@ -39,6 +39,7 @@ TEST(Tiles, CoverEveryPixelOnce) {
 TEST(Tiles, AreAsLargeAsTheirWork) {
   EXPECT_EQ(tiles_of(tile(0, 0, 64, 64), 64).size(), 1U);
   EXPECT_EQ(tiles_of(tile(0, 0, 512, 512), 64).size(), 64U);
+  EXPECT_EQ(tiles_of(tile(0, 0, 512, 512), 64, 4).size(), 16U);
   EXPECT_EQ(tiles_of(tile(0, 0, 64, 64), 1 << 20).size(), 16U);  // not less than 16 x 16 pixels
 }
 
@@ -74,6 +75,23 @@ v1::RenderGradReply answer(const v1::Tile& tile, float first) {
   reply.mutable_counters()->set_paths(10);
   reply.mutable_counters()->set_leaks(1);
   return reply;
+}
+
+TEST(Tiles, HaveGradientsThatAreAddedUp) {
+  TiledReply whole(tile(0, 0, 4, 2));
+  for (const uint32_t x : {0U, 2U}) {
+    v1::RenderGradReply part = answer(tile(x, 0, 2, 2), 0);
+    v1::Estimate& estimate = *part.mutable_estimates(0);
+    estimate.add_gradient(x + 1.5);
+    estimate.add_gradient(-1);
+    estimate.set_light_gradient(to_bytes(std::vector<float>{1, 2.5F, 3}));
+    whole.add(tile(x, 0, 2, 2), part);
+  }
+  const v1::RenderGradReply sum = whole.take();
+  EXPECT_EQ(sum.estimates(0).gradient(0), 5);
+  EXPECT_EQ(sum.estimates(0).gradient(1), -2);
+  EXPECT_EQ(from_bytes<float>(sum.estimates(0).light_gradient()), (std::vector<float>{2, 5, 6}));
+  EXPECT_EQ(sum.estimates(0).normal_gradient(), "");
 }
 
 TEST(Tiles, ArePutTogether) {

@@ -99,6 +99,24 @@ const Damage kDamages[] = {
      "cpu_seconds is nan"},
 };
 
+TEST(GradientReply, HasANumberForEachDerivative) {
+  RenderJob job;
+  job.scene = serialize(testing::cube_scene(16, 12));
+  v1::RenderGradRequest images;
+  v1::RenderGradReply reply;
+  testing::constant_answer(images, reply);
+  job.request.add_parameters("g");
+  job.request.mutable_gradient();
+  const auto refused = [&](const char* says) {
+    testing::expect_error(ErrorKind::kInternal, {says}, [&] { check_reply(reply, job); });
+  };
+  refused("the number of gradients is 0 rather than 1");
+  reply.mutable_estimates(0)->add_gradient(0.5);
+  EXPECT_NO_THROW(check_reply(reply, job));
+  reply.mutable_estimates(0)->set_gradient(0, kNan);
+  refused("a gradient is nan");
+}
+
 INSTANTIATE_TEST_SUITE_P(ReplyCheck, DamagedReply, ::testing::ValuesIn(kDamages),
                          [](const auto& test) { return test.param.name; });
 
