@@ -145,8 +145,13 @@ class Reader {
     file.is_3 = is_version_3(root, *document);
     file.has_version = *root.attribute("version").value() != 0;
     const auto scene = plugin(root, *document, 0);
-    resolve_references();
-    check_depth(*scene);
+    try {
+      resolve_references();
+      check_depth(*scene);
+    } catch (const Error&) {
+      forget_references();
+      throw;
+    }
     for (const std::string& name : defined) {
       if (used_.contains(name)) continue;
       throw invalid_input(fmt::format("{}: nothing has ${}; it cannot be defined",
@@ -323,6 +328,13 @@ class Reader {
       MitsubaChild& child = in->children[number];
       if (child.name.empty()) child.name = found->second.name;
       child.plugin = found->second.plugin;
+    }
+  }
+
+  // What refers to itself would hold itself for ever.
+  void forget_references() {
+    for (const Reference& reference : references_) {
+      reference.in->children[reference.number].plugin.reset();
     }
   }
 
