@@ -501,9 +501,9 @@ Materials materials_of(const std::vector<ImageChannel>& channels) {
 // the image, of which there are as many `weights`.
 std::vector<std::vector<double>> gradient(const PyScene& scene, const PyRequest& request,
                                           const Relay* relay, const std::vector<Plane>& weights,
-                                          Stop* stop) {
+                                          Stop* stop, nb::object progress) {
   const UnderWay under_way;
-  const Watch watch(stop, nb::none());
+  const Watch watch(stop, std::move(progress));
   const nb::gil_scoped_release unlocked;
   const std::vector<ImageChannel> channels = channels_of(request.image, scene.message);
   require(weights.size() == channels.size(),
@@ -705,7 +705,7 @@ NB_MODULE(_core, module) {
     return materials_of(channels_of(request.image, scene.message));
   });
   module.def("gradient", gradient, "scene"_a, "request"_a, "relay"_a.none(), "weights"_a,
-             "stop"_a.none());
+             "stop"_a.none(), "progress"_a.none());
 }
 
 }  // namespace itn

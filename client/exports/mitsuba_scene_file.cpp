@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "client/geometry/mesh_file.h"
+#include "client/image/attributes.h"
 #include "client/image/image.h"
 #include "client/object_media.h"
 #include "common/error.h"
@@ -36,6 +37,7 @@ std::vector<Material> materials_of(const std::string& field, const v1::Object& o
 
 Image image_of(const MitsubaFiles::Picture& picture) {
   Image image;
+  if (picture.is_panorama) image.attributes[attribute::kRowsAtEnds] = 1;
   image.width = picture.width;
   image.height = picture.height;
   for (size_t c = 0; c < 3; ++c) {
@@ -60,7 +62,10 @@ std::vector<std::string> write_mitsuba_scene(const std::filesystem::path& path,
   v1::Scene shown = scene;
   if (request.colour) shown.mutable_film()->set_channel(v1::Film::RGB);
   resolve_media(shown);
-  const MitsubaFiles files = to_mitsuba(shown, media, request.phase, path.stem().string());
+  // What begins with a dollar is a variable of Mitsuba's.
+  std::string stem = path.stem().string();
+  std::ranges::replace(stem, '$', '_');
+  const MitsubaFiles files = to_mitsuba(shown, media, request.phase, stem);
   const std::filesystem::path folder = path.parent_path();
   for (const MitsubaFiles::Shape& shape : files.shapes) {
     write_file_atomically(folder / shape.file, encode_ply(shape.mesh, shape.corner_normals));

@@ -33,6 +33,9 @@ inline constexpr const char* kContents =
 // Attribute of OpenEXR files whose colours have other primaries than sRGB's, while they are read: x
 // and y of red, green, blue and white.
 inline constexpr const char* kChromaticities = "itn.chromaticities";
+// Attribute of panoramas whose first row of pixels stands at +y and whose last one at -y, as
+// Mitsuba has them; else rows are as high as their pixels, and begin and end there.
+inline constexpr const char* kRowsAtEnds = "itn.rows_at_ends";  // 1
 // Attributes of photographs that were merged.
 inline constexpr const char* kExposures = "itn.exposures";  // seconds, as text: 0.0125,0.05,0.2
 inline constexpr const char* kMergeMethod = "itn.merge_method";  // debevec

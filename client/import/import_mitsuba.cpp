@@ -743,6 +743,9 @@ class Importer {
 
   // The camera.
 
+  // Defaults of Mitsuba's.
+  static constexpr double kNearClip = 0.01, kFarClip = 1e4;
+
   void add_camera(const MitsubaPlugin& sensor) {
     sensor.used = true;
     if (sensor.type != "perspective" && sensor.type != "thinlens") {
@@ -759,6 +762,11 @@ class Importer {
     set(*camera.mutable_target(),
         transform.translation() + axes.col(2).normalized() * options_.mm_per_scene_unit);
     set(*camera.mutable_up(), axes.col(1).normalized());
+    // What is seen without them is less.
+    if (sensor.number("near_clip", kNearClip) > kNearClip)
+      leave(sensor, "near_clip was not carried over");
+    if (sensor.number("far_clip", kFarClip) < kFarClip)
+      leave(sensor, "far_clip was not carried over");
     camera.set_principal_x(static_cast<float>(0.5 - sensor.number("principal_point_offset_x", 0)));
     camera.set_principal_y(static_cast<float>(0.5 - sensor.number("principal_point_offset_y", 0)));
     sensor.number("focus_distance", 0);

@@ -2,7 +2,13 @@
 
 #include <google/protobuf/io/zero_copy_stream_impl.h>
 #include <google/protobuf/util/delimited_message_util.h>
+#include <poll.h>
 
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
 #include <condition_variable>
 #include <deque>
 #include <exception>
@@ -10,6 +16,7 @@
 #include <memory>
 #include <mutex>
 #include <stop_token>
+#include <system_error>
 #include <thread>
 #include <utility>
 
@@ -21,6 +28,8 @@ namespace {
 
 using google::protobuf::util::ParseDelimitedFromZeroCopyStream;
 using google::protobuf::util::SerializeDelimitedToFileDescriptor;
+
+using std::chrono::milliseconds;
 
 using PendingReply = std::future<v1::RenderGradReply>;
 
@@ -68,42 +77,86 @@ v1::RelayReply answer(PendingReply& pending, const std::stop_token& stop) {
   return reply;
 }
 
+// Answers in the order of requests.
+class Writer {
+ public:
+  Writer(const JobRenderer& renderer, std::string version, int out)
+      : renderer_(renderer), version_(std::move(version)), out_(out) {}
+
+  void add(PendingReply reply) {
+    const std::lock_guard lock(mutex_);
+    pending_.push_back(std::move(reply));
+    changed_.notify_all();
+  }
+
+  // Waits until all is answered, or nobody reads. Throws Error (kIo).
+  void finish() {
+    std::unique_lock lock(mutex_);
+    while (!pending_.empty() && !is_deaf()) changed_.wait_for(lock, milliseconds(50));
+    if (failure_ != 0 && failure_ != EPIPE) {
+      throw Error(ErrorKind::kIo, fmt::format("cannot write an answer: {}",
+                                              std::generic_category().message(failure_)));
+    }
+  }
+
+ private:
+  // Whether nobody will read any more.
+  bool is_deaf() const {
+    pollfd out{.fd = out_, .events = 0, .revents = 0};
+    return failure_ != 0 || (::poll(&out, 1, 0) > 0 && (out.revents & (POLLERR | POLLHUP)) != 0);
+  }
+
+  void write(const std::stop_token& stop) {
+    std::unique_lock lock(mutex_);
+    while (changed_.wait(lock, stop, [&] { return !pending_.empty(); })) {
+      PendingReply& next = pending_.front();  // which nobody else touches
+      lock.unlock();
+      v1::RelayReply reply = answer(next, stop);
+      reply.set_parallelism(static_cast<uint32_t>(renderer_.parallelism()));
+      reply.set_version(version_);
+      errno = 0;
+      const bool written = SerializeDelimitedToFileDescriptor(reply, out_);
+      const int error = written ? 0 : std::max(1, errno);
+      lock.lock();
+      if (error != 0) failure_ = error;
+      pending_.pop_front();
+      changed_.notify_all();
+    }
+  }
+
+  const JobRenderer& renderer_;
+  const std::string version_;
+  const int out_;
+
+  std::mutex mutex_;  // guards what follows
+  std::condition_variable_any changed_;
+  std::deque<PendingReply> pending_;
+  int failure_ = 0;  // of a write, an errno
+
+  std::jthread thread_{[this](const std::stop_token& stop) { write(stop); }};  // last
+};
+
 }  // namespace
 
 void relay_renders(JobRenderer& renderer, const std::string& version, int in, int out) {
-  std::mutex mutex;  // guards `pending`
-  std::condition_variable_any submitted;
-  std::deque<PendingReply> pending;
-  const std::jthread writer([&](const std::stop_token& stop) {
-    while (true) {
-      std::unique_lock lock(mutex);
-      if (!submitted.wait(lock, stop, [&] { return !pending.empty(); })) return;
-      PendingReply next = std::move(pending.front());
-      pending.pop_front();
-      lock.unlock();
-      v1::RelayReply reply = answer(next, stop);
-      reply.set_parallelism(static_cast<uint32_t>(renderer.parallelism()));
-      reply.set_version(version);
-      SerializeDelimitedToFileDescriptor(reply, out);  // where nobody reads, `in` ends soon
-    }
-  });
+  Writer writer(renderer, version, out);
   google::protobuf::io::FileInputStream stream(in);
   JobReader jobs;
   v1::RenderGradRequest request;
-  bool ended = false;
+  bool ended = false;  // or begins with what is no length
   while (ParseDelimitedFromZeroCopyStream(&request, &stream, &ended)) {
-    PendingReply reply;
     try {
-      reply = renderer.submit(jobs.job_of(std::move(request)));
+      writer.add(renderer.submit(jobs.job_of(std::move(request))));
     } catch (const Error&) {
-      reply = failed(std::current_exception());
+      writer.add(failed(std::current_exception()));
     }
     request.Clear();
-    const std::lock_guard lock(mutex);
-    pending.push_back(std::move(reply));
-    submitted.notify_one();
   }
-  require(ended, "what is read is no RenderGradRequest, or was cut short");
+  const void* rest = nullptr;
+  int size = 0;
+  require(ended && !stream.Next(&rest, &size),
+          "what is read is no RenderGradRequest, or was cut short");
+  writer.finish();
 }
 
 }  // namespace itn

@@ -125,7 +125,7 @@ Finding addresses_in(const std::string& path) {
   std::string text;
   try {
     std::error_code absent;
-    const fs::path folder = fs::absolute(path).parent_path();
+    const fs::path folder = fs::absolute(path, absent).parent_path();
     if (!fs::exists(path, absent) && fs::is_directory(folder, absent)) {
       return {std::nullopt, "no such file yet", {}};
     }
@@ -171,6 +171,7 @@ WorkerList::WorkerList(const std::vector<std::string>& entries) {
       source->problem = "not asked yet";
     } else if (entry.starts_with(kFile)) {
       const std::string path = entry.substr(kFile.size());
+      if (path.empty()) throw Error(ErrorKind::kUsage, "\"file:\" names no file of workers");
       source->look = [path] { return addresses_in(path); };
       source->every = kReadFileEvery;
       const Finding finding = addresses_in(path);

@@ -38,6 +38,16 @@ v1::Pixels pixels_of(const Image& image, const std::string& name) {
   return pixels;
 }
 
+// Rows between those that it has, of which the first and the last stand at the ends.
+void take_rows_between(Image& image) {
+  const auto width = static_cast<size_t>(image.width);
+  for (auto& [name, plane] : image.channels) {
+    for (size_t i = 0; i + width < plane.size(); ++i) plane[i] = (plane[i] + plane[i + width]) / 2;
+    plane.resize(plane.size() - width);
+  }
+  --image.height;
+}
+
 // By libpng's simplified interface.
 v1::Pixels decode_png(const std::string& bytes, const std::string& name) {
   png_image png{};
@@ -102,7 +112,9 @@ v1::Pixels load_panorama(const std::filesystem::path& path) {
     throw invalid_input(fmt::format(
         "{} has other primaries than sRGB (its chromaticities); save it with those of sRGB", name));
   }
-  if (image.width != 2 * image.height) {
+  if (image.attributes.contains(attribute::kRowsAtEnds)) {
+    take_rows_between(image);
+  } else if (image.width != 2 * image.height) {
     spdlog::warn(
         "{} is {} x {} pixels: it is taken for a panorama of all directions, by longitude and "
         "latitude, which is twice as wide as high. A light probe of a mirror ball, or a cube, is "

@@ -128,8 +128,15 @@ def error_of(command: str, code: int, said: str) -> Error:
             f"{missing[0]}. Networks and photographs need libraries of Debian 12: apt-get install "
             "--no-install-recommends " + " ".join(_LIBRARIES)
         )
-    mistakes = "\n".join(line for line in lines if "--help" not in line)
+    if code < 0:
+        return Error(f"itn {command} was ended by signal {-code}")
+    mistakes = "\n".join(line for line in lines if "Run with --help" not in line)
     return _OF_EXIT_CODE.get(code, Error)(mistakes or f"itn {command} ended with exit code {code}")
+
+
+def logged(said: str, are_logged: bool = True) -> str:
+    """The lines that a program has logged while it ran, or the others."""
+    return "\n".join(line for line in said.splitlines() if bool(_LOGGED.match(line)) is are_logged)
 
 
 def warn_of(said: str) -> None:

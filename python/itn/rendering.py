@@ -18,7 +18,7 @@ from .errors import Cancelled, Error, InvalidInput, warn
 from .media import Medium
 from .pictures import Picture
 from .scene import Scene, as_scene
-from .workers import Workers, asked
+from .workers import Asked, Workers, asked
 
 Array = npt.NDArray[np.float32]
 
@@ -207,13 +207,12 @@ def set_medium(
 
 def medium_of(
     scene: Scene,
-    *,
-    sigma_t: Numbers | None = None,
-    albedo: Numbers | None = None,
-    g: Numbers | None = None,
-    medium: str | Medium | None = None,
-    object_size: float | None = None,
-    phase: str | None = None,
+    sigma_t: Numbers | None,
+    albedo: Numbers | None,
+    g: Numbers | None,
+    medium: str | Medium | None,
+    object_size: float | None,
+    phase: str | None,
 ) -> _core.Request:
     """A request with the medium alone, in colour if the film or one of its numbers is."""
     request = _core.Request()
@@ -244,7 +243,7 @@ def render(
     pixels: str = "all",
     tracer: str = "wavefront",
     threads: int | None = None,
-    workers: Workers | _core.Relay | None = None,
+    workers: Workers | Asked | None = None,
     progress: Callable[[float], Any] | None = None,
     stop: _core.Stop | None = None,
 ) -> Render:
@@ -269,7 +268,7 @@ def render(
     colour: an image in colour, or not, whatever the film says.
     pixels: "all", or those that see the "object"; others are 0.
     tracer: "wavefront", or "reference", plain path tracing.
-    threads: how many; default: one for each processor.
+    threads: how many, of this process; default: one for each processor.
     workers: render workers (docs/operations.md) that render instead of this process, as "host:50051" or "unix:/run/w";
         the variables ITN_TLS_CA, ITN_TOKEN_FILE and so on secure the connection. The program itn, which asks them,
         is kept for the next call.
@@ -327,8 +326,8 @@ def render(
     request.set_threads(processors(threads))
     if stop is not None:
         named("stop", stop, _core.Stop, "an itn.Stop")
-    with asked(workers) as relay:
-        done = _core.render(scene._core, request, relay, stop, progress)
+    with asked(workers) as by:
+        done = _core.render(scene._core, request, by.core, stop, by.progress(progress))
     if done.interrupted:
         raise Cancelled("cancelled")
     for remark in [*done.remarks, *_core.take_messages()]:

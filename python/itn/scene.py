@@ -84,25 +84,39 @@ class Scene:
         """The scene as the text of a scene file, which stands alone."""
         return self._core.to_text()
 
-    def save(self, path: str | os.PathLike[str], **medium: Any) -> None:
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        sigma_t: Any = None,
+        albedo: Any = None,
+        g: Any = None,
+        medium: Any = None,
+        object_size: float | None = None,
+        phase: str | None = None,
+    ) -> None:
         """Writes a scene file; or, if its name ends in .xml, one of Mitsuba 3, and beside it the meshes and pictures
         that it names.
 
-        medium: sigma_t, albedo, g, medium, object_size and phase of itn.render, for Mitsuba's files. Default: the
+        sigma_t, albedo, g, medium, object_size, phase: the medium in a file of Mitsuba, as of itn.render. Default: the
             scene's own.
 
         What has no counterpart in Mitsuba is said by a warning. Raises FileError, InvalidInput.
         """
-        name = os.fspath(path)
+        name = os.fsdecode(path)
         if name.lower().endswith(".xml"):
             from .rendering import medium_of
 
-            request = medium_of(self, **medium)
+            try:
+                name.encode()
+            except UnicodeEncodeError:
+                raise InvalidInput(f"path {name!r}: Mitsuba reads names in UTF-8") from None
+            request = medium_of(self, sigma_t, albedo, g, medium, object_size, phase)
             for sentence in _core.write_mitsuba_scene(name, self._core, request):
                 warn(f"{name}: {sentence}")
             return
-        if medium:
-            raise InvalidInput(f"{next(iter(medium))}: the medium of a scene file is that of its object")
+        if any(value is not None for value in (sigma_t, albedo, g, medium, object_size, phase)):
+            raise InvalidInput(f"path {name!r}: a medium goes with a file of Mitsuba, whose name ends in .xml")
         with writing(path) as temporary, open(temporary, "w", encoding="utf-8") as file:
             file.write(self.to_text())
 

@@ -26,7 +26,7 @@ from .errors import InvalidInput
 from .rendering import MAX_SEED, in_threads, processors, set_medium, whole
 from .rendering import render as _render
 from .scene import Scene, as_scene
-from .workers import Workers, asked
+from .workers import Asked, Workers, asked
 
 _MEDIUM = ("sigma_t", "albedo", "g")
 # Images that workers are asked for at a time.
@@ -42,7 +42,7 @@ class _Means:
     """What renders an image: workers, or threads of this process."""
 
     threads: int
-    relay: _core.Relay | None
+    workers: Asked
     stop: _core.Stop
 
 
@@ -53,15 +53,15 @@ class _Renderer:
 
     def each(self, count: int, work: Callable[[int, _Means], _T]) -> list[_T]:
         """work(number, means) of each; several at the same time, with a thread each."""
-        with asked(self.workers) as relay:
+        with asked(self.workers) as by:
             if count == 1:
-                return [work(0, _Means(self.threads, relay, _core.Stop()))]
+                return [work(0, _Means(self.threads, by, _core.Stop()))]
 
             def one(number: int, stop: _core.Stop) -> _T:
-                return work(number, _Means(1, relay, stop))
+                return work(number, _Means(1, by, stop))
 
             done: dict[int, _T] = {}
-            at_a_time = self.threads if relay is None else min(count, _MOST_ASKED)
+            at_a_time = self.threads if by.core is None else min(count, _MOST_ASKED)
             for number, answer in in_threads((partial(one, i) for i in range(count)), at_a_time):
                 if isinstance(answer, BaseException):
                     raise answer
@@ -104,7 +104,7 @@ class _Job:
             seed=self.seed,
             colour=self.in_colour,
             threads=means.threads,
-            workers=means.relay,
+            workers=means.workers,
             stop=means.stop,
         ).image
 
@@ -129,7 +129,10 @@ class _Job:
         request.set_threads(means.threads)
         channels = np.moveaxis(np.atleast_3d(weights), -1, 0)
         planes = [np.ascontiguousarray(plane, dtype=np.float32) for plane in channels]
-        return np.array(_core.gradient(self.scene._core, request, means.relay, planes, means.stop))
+        by = means.workers
+        return np.array(
+            _core.gradient(self.scene._core, request, by.core, planes, means.stop, by.progress(None)), dtype=np.float64
+        )
 
 
 class _Renders(torch.autograd.Function):

@@ -9,7 +9,8 @@ import socket
 import subprocess
 import tempfile
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 from . import _core, programs
 from .errors import Error, InvalidInput, Unavailable
@@ -26,11 +27,12 @@ class _Relay:
 
     def __init__(self, addresses: str):
         self.asks = _asks(addresses)
-        self._messages = tempfile.TemporaryFile("a+b")
+        self._messages = tempfile.TemporaryFile()
+        self._said = 0  # bytes of them that were warned of
         ours, theirs = socket.socketpair()
         with ours, theirs:
             self._child = subprocess.Popen(
-                [programs.find("itn"), "relay", "--quiet", "--workers", addresses],
+                [programs.find("itn"), "relay", "--quiet", f"--workers={addresses}"],
                 stdin=theirs.fileno(),
                 stdout=theirs.fileno(),
                 stderr=self._messages,
@@ -41,23 +43,33 @@ class _Relay:
     def runs(self) -> bool:
         return self._child.poll() is None
 
-    def warn(self) -> None:
-        """Of what it says that it has not said before."""
-        programs.warn_of(programs.text_of(self._messages))
-        self._messages.truncate(0)
+    def _messages_from(self, start: int) -> bytes:
+        """Without moving the child to another place in the file."""
+        size = os.fstat(self._messages.fileno()).st_size
+        return os.pread(self._messages.fileno(), size - start, start) if size > start else b""
 
-    def end(self) -> None:
-        """Raises the error with which it has ended by itself, if it has."""
+    def warn(self) -> None:
+        """Of what it has logged since the last time."""
+        whole, end, _ = self._messages_from(self._said).rpartition(b"\n")
+        self._said += len(whole + end)
+        programs.warn_of(programs.logged(whole.decode("utf-8", "replace")))
+
+    def end(self, at_once: bool = True) -> Error | None:
+        """Returns the error with which it has ended by itself, if it has."""
         self.core.close()
+        if at_once:
+            self._child.terminate()
         with self._messages:
             try:
                 self._child.wait(timeout=5)
             except subprocess.TimeoutExpired:
                 self._child.kill()
                 self._child.wait()
-                return
-            if self._child.returncode != 0:
-                raise programs.error_of("relay", self._child.returncode, programs.text_of(self._messages))
+                return None
+            if self._child.returncode == 0:
+                return None
+            said = self._messages_from(0).decode("utf-8", "replace")
+            return programs.error_of("relay", self._child.returncode, programs.logged(said, False))
 
     def drop(self) -> None:
         """It has ended, or is the parent's of this process."""
@@ -78,8 +90,7 @@ _idle: list[_Relay] = []
 @atexit.register
 def _end_all() -> None:
     while _idle:
-        with contextlib.suppress(Error):
-            _idle.pop().end()
+        _idle.pop().end()
 
 
 def _forget() -> None:
@@ -92,34 +103,61 @@ def _forget() -> None:
 os.register_at_fork(after_in_child=_forget)
 
 
+class Asked:
+    """What renders ask workers by: nothing, or a relay that nobody else uses meanwhile."""
+
+    def __init__(self, relay: _Relay | None = None):
+        self._relay = relay
+        self.core = relay.core if relay is not None else None
+
+    def progress(self, progress: Callable[[float], Any] | None) -> Callable[[float], Any] | None:
+        """The same, which also warns of what the relay says."""
+        if self._relay is None:
+            return progress
+        relay = self._relay
+
+        def said(fraction: float) -> None:
+            relay.warn()
+            if progress is not None:
+                progress(fraction)
+
+        return said
+
+
 @contextlib.contextmanager
-def asked(workers: Workers | _core.Relay | None) -> Iterator[_core.Relay | None]:
-    """A relay to the workers, which nobody else uses meanwhile; None if there are none. Where something is raised
-    meanwhile, what is under way is given up. Raises Unavailable, InvalidInput."""
-    if workers is None or isinstance(workers, _core.Relay):
+def asked(workers: Workers | Asked | None) -> Iterator[Asked]:
+    """Where something is raised meanwhile, what is under way is given up. Raises Unavailable, InvalidInput."""
+    if workers is None:
+        yield Asked()
+        return
+    if isinstance(workers, Asked):
         yield workers
         return
-    several = [workers] if isinstance(workers, (str, os.PathLike)) else list(workers)
-    addresses = ",".join(os.fspath(one) for one in several)
-    if not addresses:
-        raise InvalidInput("workers: there is none; it is an address, as 'host:50051' or 'unix:/run/w', or a list")
+    addresses = _addresses(workers)
     relay = _take(addresses) or _Relay(addresses)
     try:
-        yield relay.core
-    except Unavailable:
-        relay.end()
-        raise
+        yield Asked(relay)
+        relay.warn()
+    except Unavailable as error:
+        raise relay.end(at_once=False) or error from None
     except BaseException:
-        with contextlib.suppress(Error):
-            relay.end()
+        relay.end()
         raise
     with _lock:
         keep = len(_idle) < _MOST_IDLE
         if keep:
-            relay.warn()
             _idle.append(relay)
     if not keep:
         relay.end()
+
+
+def _addresses(workers: Workers) -> str:
+    several = [workers] if isinstance(workers, (str, os.PathLike)) else workers
+    if isinstance(several, (list, tuple)) and all(isinstance(one, (str, os.PathLike)) for one in several):
+        addresses = [address.strip() for one in several for address in str(os.fspath(one)).split(",")]
+        if addresses and all(addresses):
+            return ",".join(addresses)
+    raise InvalidInput(f"workers {workers!r}: they are an address, as 'host:50051' or 'unix:/run/w', or a list of some")
 
 
 def _take(addresses: str) -> _Relay | None:

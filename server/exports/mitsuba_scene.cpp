@@ -26,9 +26,9 @@ namespace {
 using tracer::Channel;
 using tracer::Rgb;
 
-// Which numbers tell apart single-precision numbers.
+// In as few digits as tell single-precision numbers apart, which Mitsuba's are.
 std::string exact(double value) {
-  return fmt::format("{:.9g}", value);
+  return fmt::format("{}", static_cast<float>(value));
 }
 
 using Node = pugi::xml_node;
@@ -183,6 +183,58 @@ std::vector<float> with_rows_at_ends(const tracer::EnvironmentMapLight& map) {
   return rgb;
 }
 
+// ---- Air -------------------------------------------------------------------------------------
+
+// Mitsuba's rays start a little off surfaces, the farther from the origin the more, and lose their
+// side where an object stands on a surface.
+constexpr double kAir = 2e-3, kTouch = 1e-4;  // times 1 mm and the largest coordinate
+
+Mesh posed_object(const tracer::SceneDescription& scene) {
+  Mesh mesh = scene.object;
+  for (Vec3f& v : mesh.vertices) {
+    v = static_cast<Vec3f>(scene.pose.to_scene(static_cast<Vec3d>(v)));
+  }
+  return mesh;
+}
+
+// On which side of a rectangle an object is that touches it: that to which its normal points (1),
+// or the other (-1); 0 where none touches it, or goes through it. `corners`: in turn.
+int side_of_touching(const Mesh& object, const std::array<Vec3d, 4>& corners, Vec3d normal,
+                     double touch) {
+  const Vec3d u = corners[1] - corners[0], v = corners[3] - corners[0];
+  double least = 0, most = 0;
+  bool touches = false;
+  for (const Vec3f vertex : object.vertices) {
+    const Vec3d from_corner = static_cast<Vec3d>(vertex) - corners[0];
+    const double distance = dot(from_corner, normal);
+    least = std::min(least, distance);
+    most = std::max(most, distance);
+    const Vec3d across = cross(normal, v), down = cross(u, normal);
+    const double x = dot(from_corner, across) / dot(u, across);
+    const double y = dot(from_corner, down) / dot(v, down);
+    touches |= std::abs(distance) <= touch && x >= 0 && x <= 1 && y >= 0 && y <= 1;
+  }
+  if (!touches || (least < -touch && most > touch)) return 0;
+  return most > touch ? 1 : -1;
+}
+
+// Moves a rectangle a little from what touches it. Returns by how much, in mm; 0: nothing does.
+double move_from(const Mesh& object, Mesh& rectangle) {
+  std::array<Vec3d, 4> corners;
+  std::ranges::transform(rectangle.vertices, corners.begin(),
+                         [](Vec3f v) { return static_cast<Vec3d>(v); });
+  const Vec3d normal = normalize(cross(corners[1] - corners[0], corners[3] - corners[0]));
+  double largest = 1;
+  for (const Vec3f v : object.vertices) {
+    for (const float one : {v.x, v.y, v.z}) largest = std::max(largest, 1.0 + std::abs(one));
+  }
+  const int side = side_of_touching(object, corners, normal, kTouch * largest);
+  for (Vec3f& v : rectangle.vertices) {
+    v = v - static_cast<Vec3f>(normal * (side * kAir * largest));
+  }
+  return std::abs(side) * kAir * largest;
+}
+
 // ---- The scene -------------------------------------------------------------------------------
 
 class Writer {
@@ -190,6 +242,7 @@ class Writer {
   Writer(const v1::Scene& scene, std::span<const std::vector<Material>> media,
          const std::optional<v1::PhaseFunction>& phase, std::string stem)
       : proto_(scene), scene_(build_scene(scene, {})), stem_(std::move(stem)) {
+    leave_air();
     root_ = document_.append_child("scene");
     root_.append_attribute("version") = "3.0.0";
     root_.append_child(pugi::node_comment).set_value(" A scene of itn. Lengths are in mm. ");
@@ -197,7 +250,8 @@ class Writer {
     add_camera();
     std::optional<tracer::PhaseFunction> of_object;
     if (phase) of_object = read_kind<tracer::PhaseFunction>("phase", *phase, "kind");
-    add_object("object", posed_object(), normals_of_object(), scene_.boundary, media[0], of_object);
+    add_object("object", posed_object(scene_), normals_of_object(), scene_.boundary, media[0],
+               of_object);
     for (size_t i = 0; i < scene_.other_objects.size(); ++i) {
       const tracer::OtherObject& other = scene_.other_objects[i];
       add_object(fmt::format("other_object_{}", i), other.mesh,
@@ -217,6 +271,21 @@ class Writer {
  private:
   void leave(const std::string& note) { files_.not_carried_over.push_back(note); }
   std::string name_of(const std::string& part) const { return fmt::format("{}_{}", stem_, part); }
+
+  void leave_air() {
+    std::vector<Mesh> objects{posed_object(scene_)};
+    for (const tracer::OtherObject& other : scene_.other_objects) objects.push_back(other.mesh);
+    for (size_t i = 0; i < scene_.surfaces.size(); ++i) {
+      if (!proto_.surfaces(static_cast<int>(i)).has_rectangle()) continue;
+      double moved = 0;
+      for (const Mesh& object : objects) moved += move_from(object, scene_.surfaces[i].mesh);
+      if (moved == 0) continue;
+      leave(
+          fmt::format("surface_{}: an object touches it; it is moved {:.2g} mm away, as Mitsuba "
+                      "needs a little air there",
+                      i, moved));
+    }
+  }
 
   bool film_is_in_colour() const { return scene_.film.channel == Channel::kRgb; }
   // As the film sees it.
@@ -287,13 +356,6 @@ class Writer {
     if (angle == 0) return {};
     return tracer::CornerNormals(mesh, {{0, angle}}).by_triangle();
   }
-  Mesh posed_object() const {
-    Mesh mesh = scene_.object;
-    for (Vec3f& v : mesh.vertices) {
-      v = static_cast<Vec3f>(scene_.pose.to_scene(static_cast<Vec3d>(v)));
-    }
-    return mesh;
-  }
   Normals normals_of_object() const {
     Normals normals = scene_.corner_normals.empty() ? smooth(scene_.object, scene_.smooth_angle)
                                                     : scene_.corner_normals;
@@ -341,7 +403,10 @@ class Writer {
   }
   void add_boundary(Node to, const std::string& part, const tracer::RoughDielectric& rough) {
     if (!rough.single_scattering) {
-      leave(part + ": light that meets more than one microfacet is lost in Mitsuba");
+      leave(
+          part +
+          ": light that meets more than one microfacet is lost in Mitsuba, which makes it darker, "
+          "by a third at a roughness of 0.2; `single_scattering: true` makes it so here, too");
     }
     const Node bsdf = plugin(to, "bsdf", "roughdielectric");
     text(bsdf, "string", "distribution", "ggx");
@@ -473,7 +538,7 @@ class Writer {
   std::string add_picture(const std::string& part, int width, int height, double scale,
                           const std::vector<float>& rgb) {
     const std::string file = name_of(part) + ".exr";
-    MitsubaFiles::Picture picture{file, width, height, {}};
+    MitsubaFiles::Picture picture{file, width, height, {}, part == kPanorama};
     for (size_t i = 0; i < rgb.size(); i += 3) {
       add_seen({rgb[i], rgb[i + 1], rgb[i + 2]}, scale, picture.rgb);
     }
@@ -511,13 +576,14 @@ class Writer {
     }
   }
 
+  static constexpr const char* kPanorama = "panorama";
   void add_panorama(const std::vector<size_t>& far) {
     double degrees = 0;
     std::string file;
     const auto* const map = std::get_if<tracer::EnvironmentMapLight>(&scene_.lights[far[0]]);
     if (map != nullptr && far.size() == 1) {
       degrees = map->rotate_y / kRadiansPerDegree;
-      file = add_picture("panorama", map->width, 2 * map->height + 1, map->scale,
+      file = add_picture(kPanorama, map->width, 2 * map->height + 1, map->scale,
                          with_rows_at_ends(*map));
     } else {
       std::vector<tracer::LightDescription> lights;
@@ -527,7 +593,7 @@ class Writer {
         colours.push_back(scene_.light_colours[i]);
       }
       const int columns = columns_for(lights);
-      file = add_picture("panorama", columns, rows_for(columns), 1,
+      file = add_picture(kPanorama, columns, rows_for(columns), 1,
                          panorama_of(lights, colours, columns));
     }
     const Node emitter = plugin(root_, "emitter", "envmap");
@@ -610,7 +676,7 @@ class Writer {
   }
 
   const v1::Scene& proto_;
-  const tracer::SceneDescription scene_;
+  tracer::SceneDescription scene_;
   const std::string stem_;
   pugi::xml_document document_;
   Node root_;
@@ -621,6 +687,9 @@ class Writer {
 
 MitsubaFiles to_mitsuba(const v1::Scene& scene, std::span<const std::vector<Material>> media,
                         const std::optional<v1::PhaseFunction>& phase, const std::string& stem) {
+  for (const std::vector<Material>& materials : media) {
+    for (const Material& material : materials) validate(material);
+  }
   return Writer(scene, media, phase, stem).take();
 }
 

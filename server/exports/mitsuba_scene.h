@@ -26,6 +26,7 @@ struct MitsubaFiles {
     std::string file;  // its name, an OpenEXR file
     int width = 0, height = 0;
     std::vector<float> rgb;  // of each pixel, top row first
+    bool is_panorama = false;
   };
   std::string xml;
   std::vector<Shape> shapes;
@@ -37,7 +38,8 @@ struct MitsubaFiles {
 // and surfaces are as gray as it sees them. `media`: of the object and of other objects, one
 // material each, or those of R, G and B; other objects of the scene need some material, too.
 // `phase`: of the object, instead of that of its g. `stem`: what the names of files begin with.
-// Lights that are far away become one panorama, unless there is but one that has a counterpart.
+// Lights that are far away become one panorama, unless there is but one that has a counterpart; its
+// first row stands at +y and its last at -y. A rectangle that an object touches is moved a little.
 // Throws Error (invalid input) where the scene cannot be rendered.
 MitsubaFiles to_mitsuba(const v1::Scene& scene, std::span<const std::vector<Material>> media,
                         const std::optional<v1::PhaseFunction>& phase, const std::string& stem);

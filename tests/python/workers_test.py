@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import unittest
+import warnings
 
 import itn
 import numpy as np
@@ -110,8 +111,12 @@ class ByWorkers(unittest.TestCase):
     def test_say_why_the_worker_refuses(self):
         with self.assertRaisesRegex(itn.InvalidInput, "albedo"):
             itn.render(CUBE, sigma_t=1, albedo=1.5, workers=self.address)
-        with self.assertRaisesRegex(itn.InvalidInput, "workers"):
-            itn.render(CUBE, **MEDIUM, workers=[])
+        for wrong in ([], "", [self.address, ""], f"{self.address},", 5, [None], {"a": 1}):
+            with self.subTest(wrong), self.assertRaisesRegex(itn.InvalidInput, "^workers .*'host:50051'"):
+                itn.render(CUBE, **MEDIUM, workers=wrong)
+        for wrong in ("--help", "file:"):
+            with self.subTest(wrong), self.assertRaisesRegex(itn.InvalidInput, wrong):
+                itn.render(CUBE, **MEDIUM, workers=wrong)
         with self.assertRaisesRegex(itn.Unavailable, "127.0.0.1:1"):
             itn.render(CUBE, **MEDIUM, workers="127.0.0.1:1")
 
@@ -120,6 +125,37 @@ class ByWorkers(unittest.TestCase):
         with self.assertRaises(itn.Cancelled):
             itn.render(CUBE, **ENDLESS, workers=self.address, stop=stop, progress=lambda _: stop.request())
         itn.render(CUBE, **MEDIUM, spp=1, workers=self.address)  # and the worker is free
+
+    def test_say_what_they_wait_for(self):
+        class Enough(Exception):
+            pass
+
+        with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+
+            def give_up_when_said(_):
+                if caught:
+                    raise Enough
+
+            with self.assertRaises(Enough):
+                itn.render(CUBE, **MEDIUM, workers=f"file:{folder}/none", progress=give_up_when_said)
+        self.assertRegex(str(caught[0].message), "^there are no render workers; waiting .*no such file yet")
+
+    def test_warn_in_whole_lines(self):
+        """Of a worker that goes, twice by one relay."""
+        with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            for _ in range(3):
+                with subprocess.Popen(
+                    [programs.find("itn-worker"), "--listen", f"unix:{folder}/w"],
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.DEVNULL,
+                ) as worker:
+                    worker.stdout.readline()
+                    itn.render(CUBE, **MEDIUM, spp=4, workers=f"unix:{folder}/w")
+                    worker.kill()
+        for warning in caught:
+            self.assertRegex(str(warning.message), "^worker unix:")
 
     def test_are_asked_for_by_forked_processes(self):
         expected = itn.render(CUBE, **MEDIUM, spp=1, workers=self.address).image

@@ -135,13 +135,35 @@ TEST_F(RelayTest, EndsWithItsInputThoughARenderIsUnderWay) {
   EXPECT_EQ(relay.error(), "");
 }
 
-TEST_F(RelayTest, RefusesOtherInput) {
+TEST_F(RelayTest, AnswersWhatItReadBeforeTheEnd) {
   Relay relay(local_, sockets_[1]);
-  const std::string text = "render!\n";
-  ASSERT_EQ(::write(sockets_[0], text.data(), text.size()), static_cast<ssize_t>(text.size()));
+  RelayRenderer renderer(sockets_[0], "1");
+  std::future<v1::RenderGradReply> last = renderer.submit(job_of_scene(1));
   ::shutdown(sockets_[0], SHUT_WR);
-  EXPECT_EQ(relay.error(), "what is read is no RenderGradRequest, or was cut short");
-  ::close(sockets_[0]);
+  EXPECT_EQ(last.get().width(), 16U);
+  EXPECT_EQ(relay.error(), "");
+}
+
+TEST_F(RelayTest, SaysThatItCannotWrite) {
+  std::array<int, 2> pipe{};
+  ASSERT_EQ(::pipe(pipe.data()), 0);
+  RelayRenderer renderer(sockets_[0], "1");
+  std::future<v1::RenderGradReply> never = renderer.submit(job_of_scene(1));
+  ::shutdown(sockets_[0], SHUT_WR);
+  testing::expect_error(ErrorKind::kIo, {"cannot write an answer"},
+                        [&] { relay_renders(local_, "1", sockets_[1], pipe[0]); });
+  for (const int one : {pipe[0], pipe[1], sockets_[1]}) ::close(one);
+}
+
+TEST_F(RelayTest, RefusesOtherInput) {
+  for (const std::string& text : {std::string("render!\n"), std::string(10, '\xff') + '\1'}) {
+    const std::array<int, 2> sockets = connected_sockets();
+    Relay relay(local_, sockets[1]);
+    ASSERT_EQ(::write(sockets[0], text.data(), text.size()), static_cast<ssize_t>(text.size()));
+    ::shutdown(sockets[0], SHUT_WR);
+    EXPECT_EQ(relay.error(), "what is read is no RenderGradRequest, or was cut short");
+    ::close(sockets[0]);
+  }
 }
 
 TEST_F(RelayTest, WantsASceneOfTheFirstRequest) {

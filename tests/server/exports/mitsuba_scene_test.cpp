@@ -66,7 +66,31 @@ TEST(MitsubaScene, HasAllThatIsInTheScene) {
   EXPECT_EQ(files.shapes[0].mesh.triangles.size(), 12U);
   EXPECT_THAT(files.shapes[0].corner_normals, IsEmpty());
   EXPECT_THAT(files.pictures, IsEmpty());
-  EXPECT_THAT(files.not_carried_over, IsEmpty());
+  EXPECT_THAT(files.not_carried_over, ElementsAre(HasSubstr("an object touches it")));
+}
+
+TEST(MitsubaScene, LeavesAirWhereObjectsStand) {
+  v1::Scene scene = testing::cube_scene();
+  scene.clear_surfaces();
+  scene.MergeFrom(testing::parse_text<v1::Scene>(R"(
+      surfaces { rectangle { half_u { x: 20 } half_v { z: -20 } } }
+      surfaces { rectangle { center { x: 0.5 y: 0.5 } half_u { y: 3 } half_v { z: 3 } } }
+      surfaces { rectangle { center { x: -0.5 y: 5 } half_u { y: 3 } half_v { z: 3 } } }
+      surfaces { rectangle { center { x: 0.25 } half_u { y: 3 } half_v { z: 3 } } })"));
+  const MitsubaFiles files = files_of(scene);
+  EXPECT_THAT(files.not_carried_over,
+              ElementsAre(HasSubstr("surface_0: an object touches it; it is moved 0.004 mm"),
+                          HasSubstr("surface_1: an object touches it; it is moved 0.004 mm")));
+  EXPECT_THAT(files.xml, HasSubstr("\"20, 0, -0, 0, 0, 0, 1, -0.004, 0, -20, 0, 0, 0, 0, 0, 1\""));
+  EXPECT_THAT(files.xml, HasSubstr("\"0, 0, 1, 0.504, 3, 0, 0, 0.5,"));
+  EXPECT_THAT(files.xml, HasSubstr("\"0, 0, 1, -0.5, 3, 0, 0, 5,"));
+  EXPECT_THAT(files.xml, HasSubstr("\"0, 0, 1, 0.25, 3,"));
+}
+
+TEST(MitsubaScene, RefusesAMediumThatThereIsNot) {
+  testing::expect_error(ErrorKind::kInvalidInput, {"albedo is 2"}, [] {
+    files_of(testing::cube_scene(), {{1, 2, 0}});
+  });
 }
 
 TEST(MitsubaScene, HasSunAndSkyAsAPanorama) {
@@ -127,8 +151,8 @@ TEST(MitsubaScene, IsInColourOrGrayAsTheFilmSees) {
   EXPECT_THAT(files_of(scene).xml, HasSubstr(R"(<float name="radiance" value="0" />)"));
   scene.mutable_film()->set_channel(v1::Film::RGB);
   const std::string xml = files_of(scene, {{4, 0.9, 0.3}, {2, 0.8, 0.3}, {1, 0.5, 0.3}}).xml;
-  EXPECT_THAT(xml, HasSubstr(R"(<rgb name="radiance" value="9.40733772, 0, 0" />)"));
-  EXPECT_THAT(xml, HasSubstr(R"(<rgb name="reflectance" value="0.899999976, 0.5, 0.5" />)"));
+  EXPECT_THAT(xml, HasSubstr(R"(<rgb name="radiance" value="9.407338, 0, 0" />)"));
+  EXPECT_THAT(xml, HasSubstr(R"(<rgb name="reflectance" value="0.9, 0.5, 0.5" />)"));
   EXPECT_THAT(xml, HasSubstr(R"(<rgb name="sigma_t" value="1, 0.5, 0.25" />)"));
   EXPECT_THAT(xml, HasSubstr(R"(<float name="scale" value="4" />)"));
   EXPECT_THAT(xml, HasSubstr(R"(<integrator type="volpathmis">)"));
@@ -174,8 +198,9 @@ TEST(MitsubaScene, SaysWhatHasNoCounterpart) {
   board.mutable_checkerboard();
   const auto phase = testing::parse_text<v1::PhaseFunction>("von_mises_fisher { kappa: 2 }");
   EXPECT_THAT(files_of(scene, {{8, 0.9, 0}}, phase).not_carried_over,
-              ElementsAre(HasSubstr("lens"), HasSubstr("microfacet"), HasSubstr("phase function"),
-                          HasSubstr("surface_0: its pattern"), HasSubstr("lights[0]")));
+              ElementsAre(HasSubstr("touches"), HasSubstr("lens"), HasSubstr("microfacet"),
+                          HasSubstr("phase function"), HasSubstr("surface_0: its pattern"),
+                          HasSubstr("lights[0]")));
 }
 
 TEST(MitsubaScene, RefusesWhatCannotBeRendered) {
