@@ -157,16 +157,18 @@ class Relay {
   explicit Relay(int socket)
       : socket_(socket), renderer_(std::make_unique<RelayRenderer>(socket, ITN_VERSION)) {}
   ~Relay() {
-    if (getpid() == owner_) return;
-    // It was forked: the thread that reads is its parent's.
-    ::close(socket_);
-    static_cast<void>(renderer_.release());
+    if (getpid() != owner_ && renderer_ != nullptr) forget();
   }
   Relay(const Relay&) = delete;
   Relay& operator=(const Relay&) = delete;
 
   // Ends the program. What still renders by it fails.
   void close() { ::shutdown(socket_, SHUT_RDWR); }
+  // In a process that was forked: that the program ends with its parent.
+  void forget() {
+    ::close(socket_);
+    static_cast<void>(renderer_.release());  // whose threads are its parent's
+  }
 
   JobRenderer& renderer() const { return *renderer_; }
 
@@ -560,7 +562,10 @@ NB_MODULE(_core, module) {
       .def("request", [](Stop& stop) { stop.requested = true; })
       .def_prop_ro("requested", [](const Stop& stop) { return stop.requested.load(); });
 
-  nb::class_<Relay>(module, "Relay").def(nb::init<int>(), "socket"_a).def("close", &Relay::close);
+  nb::class_<Relay>(module, "Relay")
+      .def(nb::init<int>(), "socket"_a)
+      .def("close", &Relay::close)
+      .def("forget", &Relay::forget);
 
   nb::class_<PyScene>(module, "Scene")
       .def_static("load", [](const std::string& path) { return PyScene{load_scene(path)}; })

@@ -3,10 +3,12 @@
 #include <google/protobuf/io/zero_copy_stream_impl.h>
 #include <google/protobuf/util/delimited_message_util.h>
 #include <poll.h>
+#include <unistd.h>
 
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <chrono>
 #include <condition_variable>
@@ -77,6 +79,30 @@ v1::RelayReply answer(PendingReply& pending, const std::stop_token& stop) {
   return reply;
 }
 
+// Whether nobody will read `out` any more. `events`: what poll() said of it.
+bool is_deaf(short events) {
+  return (events & (POLLERR | POLLHUP)) != 0;
+}
+
+// Ends where `in` does, or nobody reads `out` any more.
+class Input final : public google::protobuf::io::CopyingInputStream {
+ public:
+  Input(int in, int out) : in_(in), out_(out) {}
+
+  int Read(void* buffer, int size) override {
+    std::array<pollfd, 2> both{pollfd{in_, POLLIN, 0}, pollfd{out_, 0, 0}};
+    while (::poll(both.data(), both.size(), -1) < 0 && errno == EINTR) {
+    }
+    has_gone_ = is_deaf(both[1].revents);
+    return has_gone_ ? 0 : static_cast<int>(::read(in_, buffer, static_cast<size_t>(size)));
+  }
+  bool has_gone() const { return has_gone_; }
+
+ private:
+  const int in_, out_;
+  bool has_gone_ = false;
+};
+
 // Answers in the order of requests.
 class Writer {
  public:
@@ -92,7 +118,7 @@ class Writer {
   // Waits until all is answered, or nobody reads. Throws Error (kIo).
   void finish() {
     std::unique_lock lock(mutex_);
-    while (!pending_.empty() && !is_deaf()) changed_.wait_for(lock, milliseconds(50));
+    while (!pending_.empty() && !nobody_reads()) changed_.wait_for(lock, milliseconds(50));
     if (failure_ != 0 && failure_ != EPIPE) {
       throw Error(ErrorKind::kIo, fmt::format("cannot write an answer: {}",
                                               std::generic_category().message(failure_)));
@@ -100,10 +126,9 @@ class Writer {
   }
 
  private:
-  // Whether nobody will read any more.
-  bool is_deaf() const {
-    pollfd out{.fd = out_, .events = 0, .revents = 0};
-    return failure_ != 0 || (::poll(&out, 1, 0) > 0 && (out.revents & (POLLERR | POLLHUP)) != 0);
+  bool nobody_reads() const {
+    pollfd out{out_, 0, 0};
+    return failure_ != 0 || (::poll(&out, 1, 0) > 0 && is_deaf(out.revents));
   }
 
   void write(const std::stop_token& stop) {
@@ -140,7 +165,8 @@ class Writer {
 
 void relay_renders(JobRenderer& renderer, const std::string& version, int in, int out) {
   Writer writer(renderer, version, out);
-  google::protobuf::io::FileInputStream stream(in);
+  Input input(in, out);
+  google::protobuf::io::CopyingInputStreamAdaptor stream(&input);
   JobReader jobs;
   v1::RenderGradRequest request;
   bool ended = false;  // or begins with what is no length
@@ -152,11 +178,11 @@ void relay_renders(JobRenderer& renderer, const std::string& version, int in, in
     }
     request.Clear();
   }
+  writer.finish();
   const void* rest = nullptr;
   int size = 0;
-  require(ended && !stream.Next(&rest, &size),
+  require(input.has_gone() || (ended && !stream.Next(&rest, &size)),
           "what is read is no RenderGradRequest, or was cut short");
-  writer.finish();
 }
 
 }  // namespace itn

@@ -9,7 +9,7 @@
 namespace itn {
 
 // Answers what it reads from `in` on `out`, which are file descriptors, until `in` ends and all is
-// answered. Where nobody reads `out` any more, it gives up what is under way, and returns. SIGPIPE
+// answered. When nobody reads `out` any more, it gives up what is under way, and returns. SIGPIPE
 // should be ignored. A request may leave out its scene if it is that of the request before.
 // `version`: of this program. Throws Error: kInvalidInput where `in` has something other than
 // requests; kIo where `out` cannot be written.

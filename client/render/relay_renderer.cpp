@@ -51,11 +51,15 @@ constexpr const char* kEnded = "the program itn relay has ended";
 }  // namespace
 
 RelayRenderer::RelayRenderer(int socket, std::string version)
-    : socket_(socket), version_(std::move(version)), reader_([this] { read_replies(); }) {}
+    : socket_(socket),
+      version_(std::move(version)),
+      writer_([this] { send_requests(); }),
+      reader_([this] { read_replies(); }) {}
 
 RelayRenderer::~RelayRenderer() {
   ::shutdown(socket_, SHUT_RDWR);
   reader_.join();
+  writer_.join();
   ::close(socket_);
 }
 
@@ -63,17 +67,32 @@ std::future<v1::RenderGradReply> RelayRenderer::submit(RenderJob job) {
   const std::lock_guard lock(mutex_);
   std::promise<v1::RenderGradReply> promise;
   std::future<v1::RenderGradReply> reply = promise.get_future();
-  job.request.set_scene_digest(job.scene->digest);
-  if (job.scene->digest != last_digest_) job.request.set_scene(job.scene->bytes);
-  last_digest_ = job.scene->digest;
-  std::ostringstream message;
-  google::protobuf::util::SerializeDelimitedToOstream(job.request, &message);
-  if (ended_ || !send_all(socket_, message.view())) {
+  if (ended_) {
     fail(promise, ErrorKind::kUnavailable, kEnded);
   } else {
     pending_.push_back(std::move(promise));
+    unsent_.push_back(std::move(job));
+    submitted_.notify_one();
   }
   return reply;
+}
+
+void RelayRenderer::send_requests() {
+  std::string last_digest;  // of the scene that the program holds
+  while (true) {
+    std::unique_lock lock(mutex_);
+    submitted_.wait(lock, [this] { return ended_ || !unsent_.empty(); });
+    if (ended_) return;
+    RenderJob job = std::move(unsent_.front());
+    unsent_.pop_front();
+    lock.unlock();
+    job.request.set_scene_digest(job.scene->digest);
+    if (job.scene->digest != last_digest) job.request.set_scene(job.scene->bytes);
+    last_digest = job.scene->digest;
+    std::ostringstream message;
+    google::protobuf::util::SerializeDelimitedToOstream(job.request, &message);
+    if (!send_all(socket_, message.view())) return;  // replies end, too
+  }
 }
 
 int RelayRenderer::parallelism() const {
@@ -103,12 +122,18 @@ void RelayRenderer::read_replies() {
     }
     reply.Clear();
   }
+  end();
+}
+
+void RelayRenderer::end() {
   const std::lock_guard lock(mutex_);
   ended_ = true;
+  unsent_.clear();
   for (std::promise<v1::RenderGradReply>& promise : pending_) {
     fail(promise, ErrorKind::kUnavailable, kEnded);
   }
   pending_.clear();
+  submitted_.notify_one();
 }
 
 }  // namespace itn

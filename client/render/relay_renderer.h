@@ -1,6 +1,7 @@
 // Renders through `itn relay`, which asks workers for a process that has no gRPC.
 #pragma once
 
+#include <condition_variable>
 #include <deque>
 #include <future>
 #include <mutex>
@@ -27,18 +28,22 @@ class RelayRenderer final : public JobRenderer {
   int parallelism() const override;
 
  private:
+  void send_requests();
   void read_replies();
+  // Fails what is pending, and what will be asked for.
+  void end();
 
   const int socket_;
   const std::string version_;
 
   mutable std::mutex mutex_;  // guards what follows
+  std::condition_variable submitted_;
   std::deque<std::promise<v1::RenderGradReply>> pending_;
-  std::string last_digest_;  // of the scene that the program holds
+  std::deque<RenderJob> unsent_;  // the program may not read yet
   int parallelism_ = 1;
   bool ended_ = false;
 
-  std::thread reader_;  // last: it uses what is above
+  std::thread writer_, reader_;  // last: they use what is above
 };
 
 }  // namespace itn

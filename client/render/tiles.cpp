@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/error.h"
 #include "common/scene/wire_array.h"
 
 namespace itn {
@@ -22,6 +23,9 @@ uint32_t begin_of(uint32_t i, uint32_t n, uint32_t length) {
 
 // Float32, not of pixels: those of all tiles are added up.
 void add_numbers(const std::string& part, std::string& sum) {
+  if (!sum.empty() && part.size() != sum.size()) {
+    throw Error(ErrorKind::kInternal, "gradients of tiles are of several sizes");
+  }
   if (sum.empty()) {
     sum = part;
     return;

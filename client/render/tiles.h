@@ -17,7 +17,7 @@ v1::Tile pixels_of(const RenderJob& job);
 
 // Cuts a rectangle into tiles of about equal size that cover it without overlap, row by row. They
 // follow from its size and the samples per pixel alone: images after a pilot depend on the tiles,
-// and must not depend on who renders them. There are `most` of them on a side.
+// and must not depend on who renders them. At most `most` of them are on a side.
 std::vector<v1::Tile> tiles_of(const v1::Tile& whole, uint32_t spp,
                                uint32_t most = std::numeric_limits<uint32_t>::max());
 

@@ -40,6 +40,18 @@ void check_image(const char* what, const std::string& bytes, uint64_t pixels, fl
   }
 }
 
+// Of finite float32, if they are asked for; else empty.
+void check_numbers(const char* what, const std::string& bytes, bool asked) {
+  if (bytes.empty() == asked || bytes.size() % sizeof(float) != 0) {
+    throw bad_reply(fmt::format("{} has {} bytes", what, bytes.size()));
+  }
+  for (size_t at = 0; at < bytes.size(); at += sizeof(float)) {
+    float value = 0;
+    std::memcpy(&value, bytes.data() + at, sizeof value);
+    check_finite(what, value);
+  }
+}
+
 constexpr float kMaxValue = std::numeric_limits<float>::max();
 
 void check_images(const v1::RenderGradReply& reply, const v1::RenderGradRequest& request,
@@ -56,6 +68,8 @@ void check_images(const v1::RenderGradReply& reply, const v1::RenderGradRequest&
     check_number("the number of gradients", estimate.gradient_size(),
                  request.has_gradient() ? derivative_count(request) : 0);
     for (const double gradient : estimate.gradient()) check_finite("a gradient", gradient);
+    check_numbers("light_gradient", estimate.light_gradient(), request.gradient().has_light());
+    check_numbers("normal_gradient", estimate.normal_gradient(), request.gradient().normals());
     check_number("the number of at_albedos", estimate.at_albedos_size(), request.albedos_size());
     for (const std::string& image : estimate.at_albedos()) {
       check_image("radiance at an albedo", image, pixels, 0, kMaxValue);

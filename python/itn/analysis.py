@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import pathlib
@@ -444,12 +445,15 @@ def _refinement(
     files: Files,
 ) -> Refinement:
     folder = os.path.abspath(output) if output is not None else files.new("", "the folder of the answer")
-    said = len(_iterations(folder))
+    said = _iterations(folder)
 
     def watch() -> None:
         nonlocal said
-        for iteration in _iterations(folder)[said:]:
-            said += 1
+        done = _iterations(folder)
+        # One that was not finished before is done again.
+        same = sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], zip(said, done)))
+        said = done
+        for iteration in done[same:]:
             if progress is not None:
                 progress(iteration)
 

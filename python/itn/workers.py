@@ -9,6 +9,7 @@ import socket
 import subprocess
 import tempfile
 import threading
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -29,6 +30,7 @@ class _Relay:
         self.asks = _asks(addresses)
         self._messages = tempfile.TemporaryFile()
         self._said = 0  # bytes of them that were warned of
+        self._lock = threading.Lock()  # guards that
         ours, theirs = socket.socketpair()
         with ours, theirs:
             self._child = subprocess.Popen(
@@ -39,6 +41,7 @@ class _Relay:
                 start_new_session=True,
             )
             self.core = _core.Relay(ours.detach())
+        _all.add(self)
 
     def runs(self) -> bool:
         return self._child.poll() is None
@@ -50,8 +53,9 @@ class _Relay:
 
     def warn(self) -> None:
         """Of what it has logged since the last time."""
-        whole, end, _ = self._messages_from(self._said).rpartition(b"\n")
-        self._said += len(whole + end)
+        with self._lock:
+            whole, end, _ = self._messages_from(self._said).rpartition(b"\n")
+            self._said += len(whole + end)
         programs.warn_of(programs.logged(whole.decode("utf-8", "replace")))
 
     def end(self, at_once: bool = True) -> Error | None:
@@ -72,7 +76,7 @@ class _Relay:
             return programs.error_of("relay", self._child.returncode, programs.logged(said, False))
 
     def drop(self) -> None:
-        """It has ended, or is the parent's of this process."""
+        """After it has ended, or where it is the parent's of this process."""
         self._child.returncode = 0
         self._messages.close()
 
@@ -85,6 +89,7 @@ def _asks(addresses: str) -> tuple[str, str, frozenset[tuple[str, str]]]:
 
 _lock = threading.Lock()
 _idle: list[_Relay] = []
+_all: weakref.WeakSet[_Relay] = weakref.WeakSet()
 
 
 @atexit.register
@@ -96,8 +101,10 @@ def _end_all() -> None:
 def _forget() -> None:
     global _lock
     _lock = threading.Lock()
-    while _idle:
-        _idle.pop().drop()
+    for relay in list(_all):
+        relay.core.forget()
+        relay.drop()
+    _idle.clear()
 
 
 os.register_at_fork(after_in_child=_forget)

@@ -13,6 +13,7 @@
 
 #include "common/angle.h"
 #include "common/error.h"
+#include "server/exports/air.h"
 #include "server/scene_compiler/field_reader.h"
 #include "server/scene_compiler/scene_builder.h"
 #include "server/tracer/geometry/corner_normals.h"
@@ -97,9 +98,19 @@ bool is_panoramic(const tracer::LightDescription& light) {
          (sun != nullptr && sun->angular_radius > 0);
 }
 
+// In columns; 0: there is none.
+int widest_map(const std::vector<tracer::LightDescription>& lights) {
+  int widest = 0;
+  for (const tracer::LightDescription& light : lights) {
+    const auto* map = std::get_if<tracer::EnvironmentMapLight>(&light);
+    if (map != nullptr) widest = std::max(widest, map->width);
+  }
+  return widest;
+}
+
 // So many that three pixels lie on the radius of the smallest sun.
 int columns_for(const std::vector<tracer::LightDescription>& lights) {
-  double columns = kFewestColumns;
+  double columns = std::max(kFewestColumns, widest_map(lights));
   for (const tracer::LightDescription& light : lights) {
     double radius = 0;
     if (const auto* sky = std::get_if<tracer::SunSkyLight>(&light); sky && sky->sun_scale > 0) {
@@ -109,9 +120,6 @@ int columns_for(const std::vector<tracer::LightDescription>& lights) {
       radius = sun->angular_radius;
     }
     if (radius > 0) columns = std::max(columns, 3 * 2 * std::numbers::pi / radius);
-    if (const auto* map = std::get_if<tracer::EnvironmentMapLight>(&light)) {
-      columns = std::max<double>(columns, map->width);
-    }
   }
   return std::min(kMostColumns, 2 * static_cast<int>(std::ceil(columns / 2)));
 }
@@ -128,8 +136,9 @@ int rows_for(int columns) {
   return columns / 2 + 1;
 }
 
-// The means of its pixels, by their middles and corners; by many places where these differ.
-std::vector<float> rendered_panorama(const tracer::Lights& lights, int columns) {
+// The means of its pixels: by their middles, or by so many places on a side as each has pixels of a
+// map, or by many where middle and corners differ.
+std::vector<float> rendered_panorama(const tracer::Lights& lights, int columns, int pixels_of_map) {
   const int rows = rows_for(columns);
   const auto v_of = [&](double y) { return std::clamp((y - 0.5) / (rows - 1), 0.0, 1.0); };
   const auto radiance = [&](double x, double y) {
@@ -145,20 +154,21 @@ std::vector<float> rendered_panorama(const tracer::Lights& lights, int columns) 
   for (int row = 0; row < rows; ++row) {
     const std::vector<float> below = corners_of(row + 1);
     for (int x = 0; x < columns; ++x) {
-      const std::array places{above[x], above[x + 1], below[x], below[x + 1],
-                              radiance(x + 0.5, row + 0.5)};
-      const auto [least, most] = std::ranges::minmax(places);
-      if (most <= 1.2F * least) {
-        result.push_back(places[4]);
+      const float middle = radiance(x + 0.5, row + 0.5);
+      const auto [least, most] =
+          std::ranges::minmax({above[x], above[x + 1], below[x], below[x + 1], middle});
+      constexpr int kMany = 16;
+      const int places = std::max(most > 1.2F * least ? kMany : 1, pixels_of_map);
+      if (places == 1) {
+        result.push_back(middle);
         continue;
       }
-      constexpr int kPlaces = 16;
       double sum = 0, weights = 0;
-      for (int j = 0; j < kPlaces; ++j) {
-        const double y = row + (j + 0.5) / kPlaces;
+      for (int j = 0; j < places; ++j) {
+        const double y = row + (j + 0.5) / places;
         const double weight = std::sin(std::numbers::pi * v_of(y));
-        for (int i = 0; i < kPlaces; ++i) {
-          sum += weight * radiance(x + (i + 0.5) / kPlaces, y);
+        for (int i = 0; i < places; ++i) {
+          sum += weight * radiance(x + (i + 0.5) / places, y);
           weights += weight;
         }
       }
@@ -169,70 +179,26 @@ std::vector<float> rendered_panorama(const tracer::Lights& lights, int columns) 
   return result;
 }
 
-// A panorama whose rows lie in the middles of pixels, with the rows of Mitsuba's at all of these,
-// between them, and at both ends.
-std::vector<float> with_rows_at_ends(const tracer::EnvironmentMapLight& map) {
+// The most rows of a map that is written with twice as many.
+constexpr int kMostRows = 4096;
+
+// A panorama whose rows lie in the middles of pixels, with the rows of Mitsuba's: at all of these,
+// between them, and at both ends; of a high one, between them and at both ends.
+struct RowsAtEnds {
+  int height = 0;
   std::vector<float> rgb;
-  for (int row = 0; row <= 2 * map.height; ++row) {
-    const int above = std::max(0, (row - 1) / 2), below = std::min(row / 2, map.height - 1);
+};
+RowsAtEnds with_rows_at_ends(const tracer::EnvironmentMapLight& map) {
+  const int steps = map.height > kMostRows ? 1 : 2;
+  RowsAtEnds result{.height = steps * map.height + 1, .rgb = {}};
+  for (int row = 0; row < result.height; ++row) {
+    const int above = steps == 1 ? row - 1 : (row - 1) / 2, below = row / steps;
     const size_t numbers = 3 * static_cast<size_t>(map.width);
-    for (size_t i = 0; i < numbers; ++i) {
-      rgb.push_back((map.rgb[above * numbers + i] + map.rgb[below * numbers + i]) / 2);
-    }
+    const float* const first = map.rgb.data() + std::max(0, above) * numbers;
+    const float* const second = map.rgb.data() + std::min(below, map.height - 1) * numbers;
+    for (size_t i = 0; i < numbers; ++i) result.rgb.push_back((first[i] + second[i]) / 2);
   }
-  return rgb;
-}
-
-// ---- Air -------------------------------------------------------------------------------------
-
-// Mitsuba's rays start a little off surfaces, the farther from the origin the more, and lose their
-// side where an object stands on a surface.
-constexpr double kAir = 2e-3, kTouch = 1e-4;  // times 1 mm and the largest coordinate
-
-Mesh posed_object(const tracer::SceneDescription& scene) {
-  Mesh mesh = scene.object;
-  for (Vec3f& v : mesh.vertices) {
-    v = static_cast<Vec3f>(scene.pose.to_scene(static_cast<Vec3d>(v)));
-  }
-  return mesh;
-}
-
-// On which side of a rectangle an object is that touches it: that to which its normal points (1),
-// or the other (-1); 0 where none touches it, or goes through it. `corners`: in turn.
-int side_of_touching(const Mesh& object, const std::array<Vec3d, 4>& corners, Vec3d normal,
-                     double touch) {
-  const Vec3d u = corners[1] - corners[0], v = corners[3] - corners[0];
-  double least = 0, most = 0;
-  bool touches = false;
-  for (const Vec3f vertex : object.vertices) {
-    const Vec3d from_corner = static_cast<Vec3d>(vertex) - corners[0];
-    const double distance = dot(from_corner, normal);
-    least = std::min(least, distance);
-    most = std::max(most, distance);
-    const Vec3d across = cross(normal, v), down = cross(u, normal);
-    const double x = dot(from_corner, across) / dot(u, across);
-    const double y = dot(from_corner, down) / dot(v, down);
-    touches |= std::abs(distance) <= touch && x >= 0 && x <= 1 && y >= 0 && y <= 1;
-  }
-  if (!touches || (least < -touch && most > touch)) return 0;
-  return most > touch ? 1 : -1;
-}
-
-// Moves a rectangle a little from what touches it. Returns by how much, in mm; 0: nothing does.
-double move_from(const Mesh& object, Mesh& rectangle) {
-  std::array<Vec3d, 4> corners;
-  std::ranges::transform(rectangle.vertices, corners.begin(),
-                         [](Vec3f v) { return static_cast<Vec3d>(v); });
-  const Vec3d normal = normalize(cross(corners[1] - corners[0], corners[3] - corners[0]));
-  double largest = 1;
-  for (const Vec3f v : object.vertices) {
-    for (const float one : {v.x, v.y, v.z}) largest = std::max(largest, 1.0 + std::abs(one));
-  }
-  const int side = side_of_touching(object, corners, normal, kTouch * largest);
-  for (Vec3f& v : rectangle.vertices) {
-    v = v - static_cast<Vec3f>(normal * (side * kAir * largest));
-  }
-  return std::abs(side) * kAir * largest;
+  return result;
 }
 
 // ---- The scene -------------------------------------------------------------------------------
@@ -242,6 +208,7 @@ class Writer {
   Writer(const v1::Scene& scene, std::span<const std::vector<Material>> media,
          const std::optional<v1::PhaseFunction>& phase, std::string stem)
       : proto_(scene), scene_(build_scene(scene, {})), stem_(std::move(stem)) {
+    const tracer::Scene check(scene_);
     leave_air();
     root_ = document_.append_child("scene");
     root_.append_attribute("version") = "3.0.0";
@@ -250,8 +217,7 @@ class Writer {
     add_camera();
     std::optional<tracer::PhaseFunction> of_object;
     if (phase) of_object = read_kind<tracer::PhaseFunction>("phase", *phase, "kind");
-    add_object("object", posed_object(scene_), normals_of_object(), scene_.boundary, media[0],
-               of_object);
+    add_object("object", posed_object(), normals_of_object(), scene_.boundary, media[0], of_object);
     for (size_t i = 0; i < scene_.other_objects.size(); ++i) {
       const tracer::OtherObject& other = scene_.other_objects[i];
       add_object(fmt::format("other_object_{}", i), other.mesh,
@@ -272,19 +238,58 @@ class Writer {
   void leave(const std::string& note) { files_.not_carried_over.push_back(note); }
   std::string name_of(const std::string& part) const { return fmt::format("{}_{}", stem_, part); }
 
+  // ---- Air ----
+
+  using Corners = std::array<Vec3d, 4>;
+
+  // Rectangles are moved; of all else that may touch, it is said.
   void leave_air() {
-    std::vector<Mesh> objects{posed_object(scene_)};
+    std::vector<Mesh> objects{posed_object()};
     for (const tracer::OtherObject& other : scene_.other_objects) objects.push_back(other.mesh);
     for (size_t i = 0; i < scene_.surfaces.size(); ++i) {
-      if (!proto_.surfaces(static_cast<int>(i)).has_rectangle()) continue;
-      double moved = 0;
-      for (const Mesh& object : objects) moved += move_from(object, scene_.surfaces[i].mesh);
-      if (moved == 0) continue;
-      leave(
-          fmt::format("surface_{}: an object touches it; it is moved {:.2g} mm away, as Mitsuba "
-                      "needs a little air there",
-                      i, moved));
+      Mesh& mesh = scene_.surfaces[i].mesh;
+      const std::string name = fmt::format("surface_{}", i);
+      if (is_rectangle(i)) {
+        Corners corners;
+        std::ranges::transform(mesh.vertices, corners.begin(),
+                               [](Vec3f v) { return static_cast<Vec3d>(v); });
+        const Vec3d away = away_from(name, objects, corners);
+        for (Vec3f& v : mesh.vertices) v = v + static_cast<Vec3f>(away);
+      } else if (std::ranges::any_of(objects, [&](auto& o) { return may_touch(o, mesh); })) {
+        leave_dark(name);
+      }
     }
+    for (size_t i = 0; i < scene_.lights.size(); ++i) {
+      auto* const panel = std::get_if<tracer::PanelLight>(&scene_.lights[i]);
+      if (panel == nullptr) continue;
+      panel->center =
+          panel->center + away_from(fmt::format("lights[{}]", i), objects, corners_of(*panel));
+    }
+    for (size_t i = 1; i < objects.size(); ++i) {
+      const auto before = std::span(objects).first(i);
+      if (std::ranges::any_of(before, [&](auto& o) { return may_touch(o, objects[i]); })) {
+        leave_dark(fmt::format("other_objects[{}]", i - 1));
+      }
+    }
+  }
+  void leave_dark(const std::string& name) {
+    leave(name + ": where an object touches it, Mitsuba loses light; it needs a little air there");
+  }
+  Vec3d away_from(const std::string& name, std::span<const Mesh> objects, const Corners& corners) {
+    const Contact contact = contact_of(corners, objects);
+    if (const double moved = length(contact.away); moved > 0) {
+      leave(
+          fmt::format("{}: an object touches it; it is moved {:.2g} mm away, as Mitsuba needs a "
+                      "little air there",
+                      name, moved));
+    } else if (contact.touches) {
+      leave_dark(name);
+    }
+    return contact.away;
+  }
+  static Corners corners_of(const tracer::PanelLight& panel) {
+    const auto& [center, u, v, radiance] = panel;
+    return {center - u - v, center + u - v, center + u + v, center - u + v};
   }
 
   bool film_is_in_colour() const { return scene_.film.channel == Channel::kRgb; }
@@ -345,6 +350,16 @@ class Writer {
     look(scene_.object, scene_.pose);
     for (const tracer::OtherObject& other : scene_.other_objects) look(other.mesh, {});
     for (const tracer::DiffuseSurface& surface : scene_.surfaces) look(surface.mesh, {});
+    const auto look_at = [&](Vec3d place, double radius) {
+      most = std::max(most, length(place - scene_.camera.origin) + radius);
+    };
+    for (const tracer::LightDescription& light : scene_.lights) {
+      if (const auto* sphere = std::get_if<tracer::SphereLight>(&light)) {
+        look_at(sphere->center, sphere->radius);
+      } else if (const auto* panel = std::get_if<tracer::PanelLight>(&light)) {
+        for (const Vec3d corner : corners_of(*panel)) look_at(corner, 0);
+      }
+    }
     return most;
   }
 
@@ -355,6 +370,13 @@ class Writer {
   static Normals smooth(const Mesh& mesh, double angle) {
     if (angle == 0) return {};
     return tracer::CornerNormals(mesh, {{0, angle}}).by_triangle();
+  }
+  Mesh posed_object() const {
+    Mesh mesh = scene_.object;
+    for (Vec3f& v : mesh.vertices) {
+      v = static_cast<Vec3f>(scene_.pose.to_scene(static_cast<Vec3d>(v)));
+    }
+    return mesh;
   }
   Normals normals_of_object() const {
     Normals normals = scene_.corner_normals.empty() ? smooth(scene_.object, scene_.smooth_angle)
@@ -453,6 +475,7 @@ class Writer {
     add_lobe(to, phase.mean_cosine());
   }
 
+  static Vec3d vector_of(const v1::Vec3& v) { return {v.x(), v.y(), v.z()}; }
   // Mitsuba's rectangles have right angles.
   static bool is_right_angled(Vec3d u, Vec3d v) {
     return std::abs(dot(u, v)) <= 1e-6 * length(u) * length(v);
@@ -472,14 +495,18 @@ class Writer {
     Vec3d corner, u, v;
   };
 
+  bool is_rectangle(size_t surface) const {
+    return proto_.surfaces(static_cast<int>(surface)).has_rectangle();
+  }
   void add_surface(size_t i) {
     const tracer::DiffuseSurface& surface = scene_.surfaces[i];
     const std::string part = fmt::format("surface_{}", i);
-    if (proto_.surfaces(static_cast<int>(i)).has_rectangle()) {
-      // Its corners, in turn.
+    if (is_rectangle(i)) {
+      // Its corners, in turn, which are rounded where they are far away; its sides are not.
       const auto corner = [&](size_t k) { return static_cast<Vec3d>(surface.mesh.vertices[k]); };
       const Sides sides{corner(0), corner(1) - corner(0), corner(3) - corner(0)};
-      if (is_right_angled(sides.u, sides.v)) {
+      const v1::Rectangle& proto = proto_.surfaces(static_cast<int>(i)).rectangle();
+      if (is_right_angled(vector_of(proto.half_u()), vector_of(proto.half_v()))) {
         const Vec3d center = (corner(0) + corner(2)) * 0.5;
         add_reflectance(add_rectangle(center, sides.u * 0.5, sides.v * 0.5), part,
                         surface.reflectance, &sides);
@@ -583,8 +610,8 @@ class Writer {
     const auto* const map = std::get_if<tracer::EnvironmentMapLight>(&scene_.lights[far[0]]);
     if (map != nullptr && far.size() == 1) {
       degrees = map->rotate_y / kRadiansPerDegree;
-      file = add_picture(kPanorama, map->width, 2 * map->height + 1, map->scale,
-                         with_rows_at_ends(*map));
+      const RowsAtEnds rows = with_rows_at_ends(*map);
+      file = add_picture(kPanorama, map->width, rows.height, map->scale, rows.rgb);
     } else {
       std::vector<tracer::LightDescription> lights;
       std::vector<Rgb> colours;
@@ -593,6 +620,12 @@ class Writer {
         colours.push_back(scene_.light_colours[i]);
       }
       const int columns = columns_for(lights);
+      if (widest_map(lights) > columns) {
+        leave(
+            fmt::format("the panorama of lights that are far away has {} columns, fewer than a "
+                        "map of theirs",
+                        columns));
+      }
       file = add_picture(kPanorama, columns, rows_for(columns), 1,
                          panorama_of(lights, colours, columns));
     }
@@ -606,11 +639,12 @@ class Writer {
   std::vector<float> panorama_of(const std::vector<tracer::LightDescription>& lights,
                                  const std::vector<Rgb>& colours, int columns) const {
     std::vector<float> rgb(3 * static_cast<size_t>(columns) * rows_for(columns));
+    const int pixels_of_map = std::max(1, (widest_map(lights) + columns - 1) / columns);
     const auto add = [&](Channel channel, size_t first, size_t count) {
       PartCache parts(0);
       std::vector<std::string> keys;
       const tracer::Lights seen_by(lights, {channel, {}, {}, parts, keys}, colours);
-      const std::vector<float> one = rendered_panorama(seen_by, columns);
+      const std::vector<float> one = rendered_panorama(seen_by, columns, pixels_of_map);
       for (size_t i = 0; i < one.size(); ++i) {
         for (size_t c = first; c < first + count; ++c) rgb[3 * i + c] = one[i];
       }
@@ -658,7 +692,7 @@ class Writer {
       return;
     }
     Mesh mesh;
-    for (const Vec3d corner : {center - u - v, center + u - v, center + u + v, center - u + v}) {
+    for (const Vec3d corner : corners_of(light)) {
       mesh.vertices.push_back(static_cast<Vec3f>(corner));
     }
     mesh.triangles = {{0, 1, 2}, {0, 2, 3}};

@@ -84,6 +84,26 @@ PATTERN = {"corner": (0.3, 0, 0.2), "edge_u": (0.8, 0, 0.3), "edge_v": (-0.2, 0,
 GLOSS = {"index": 1.4, "roughness": 0.3, "single_scattering": True}
 SCENES = {
     "standing": (scene(lights=[{"constant": {}}], objects=[raised("cube", (0, 0, 0))]), {}),
+    "mirrored, at a wall": (
+        scene(
+            lights=[
+                {"panel": {"center": (0.6, 0.5, 0), "half_u": (0, 0, 0.6), "half_v": (0, 0.6, 0), "radiance": 2}},
+                {"constant": {"radiance": 0.3}},
+            ],
+            objects=[
+                raised("mug", (0, 0, 0), turns=[{"scale": (-1, 1, 1)}], dielectric={"index": 1.3}),
+                raised(
+                    "cube",
+                    (-0.95, 0.2, 0),
+                    turns=[{"scale": (0.5, 1, 0.5)}],
+                    dielectric={"index": 1.1},
+                    material=[{"sigma_t": 2, "albedo": 0.7}],
+                ),
+            ],
+            surfaces=[GROUND, {"rectangle": {"center": (-1.2, 1, 0), "half_u": (0, 2, 0), "half_v": (0, 0, 2)}}],
+        ),
+        {"g": 0.2},
+    ),
     "sun and sky": (scene(lights=[{"sun_sky": {"sun_angular_radius_degrees": 10}}]), {"g": 0.3}),
     "real sun": (scene(lights=[{"sun_sky": {"sun_azimuth_degrees": 70, "sky_scale": 0.3}}]), {}),
     "panorama, red": (
@@ -202,14 +222,12 @@ def agree(name, described, medium, folder):
     file = folder / "scene.xml"
     ours_of.save(file, **medium)
     theirs_of = mi.load_file(str(file))
+    channels = 3 if itn.render(ours_of, **medium, spp=1).image.ndim == 3 else 1
     a, b = [], []
     for seed in range(ARGUMENTS.repetitions):
         a.append(tiles(itn.render(ours_of, **medium, spp=ARGUMENTS.spp, seed=seed).image))
-        b.append(
-            tiles(np.array(mi.render(theirs_of, seed=seed, spp=ARGUMENTS.spp))[..., : 3 if a[0].size % 3 == 0 else 1])
-        )
+        b.append(tiles(np.array(mi.render(theirs_of, seed=seed, spp=ARGUMENTS.spp))[..., :channels]))
     a, b = np.array(a), np.array(b)
-    channels = 3 if len(np.shape(itn.render(ours_of, **medium, spp=1).image)) == 3 else 1
     noisy = (a.std(axis=0) > 1e-5 * a.mean()) | (b.std(axis=0) > 1e-5 * a.mean())
     alike = bool(np.all(np.abs(a[0] - b[0])[~noisy] <= 1e-4 * a[0, -1]))  # these show one light and nothing else
     scores = z_of_difference(b[:, noisy], a[:, noisy])

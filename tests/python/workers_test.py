@@ -1,5 +1,6 @@
 """Renders by workers: the bits of this process, by one relay that is kept, and clear errors."""
 
+import concurrent.futures
 import multiprocessing
 import os
 import pathlib
@@ -141,21 +142,48 @@ class ByWorkers(unittest.TestCase):
                 itn.render(CUBE, **MEDIUM, workers=f"file:{folder}/none", progress=give_up_when_said)
         self.assertRegex(str(caught[0].message), "^there are no render workers; waiting .*no such file yet")
 
-    def test_warn_in_whole_lines(self):
-        """Of a worker that goes, twice by one relay."""
-        with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(record=True) as caught:
+    def test_warn_once_and_in_whole_lines(self):
+        """Of what many threads look for, and what comes in halves."""
+        itn.render(CUBE, **MEDIUM, spp=1, workers=self.address)
+        relay = workers._idle[-1]
+
+        def log(text):
+            os.pwrite(relay._messages.fileno(), text.encode(), os.fstat(relay._messages.fileno()).st_size)
+
+        line = "2026-01-01 00:00:00.000 warning {}\n".format
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            for _ in range(3):
-                with subprocess.Popen(
-                    [programs.find("itn-worker"), "--listen", f"unix:{folder}/w"],
-                    stdout=subprocess.PIPE,
-                    stderr=subprocess.DEVNULL,
-                ) as worker:
-                    worker.stdout.readline()
-                    itn.render(CUBE, **MEDIUM, spp=4, workers=f"unix:{folder}/w")
-                    worker.kill()
-        for warning in caught:
-            self.assertRegex(str(warning.message), "^worker unix:")
+            log(line(-1)[:20])
+            relay.warn()
+            log(line(-1)[20:])
+            with concurrent.futures.ThreadPoolExecutor(8) as pool:
+                for i in range(100):
+                    log(line(i))
+                    for done in [pool.submit(relay.warn) for _ in range(8)]:
+                        done.result()
+        self.assertEqual([str(warning.message) for warning in caught], [str(i) for i in range(-1, 100)])
+
+    def test_end_though_a_fork_lives(self):
+        """A process that was forked while another thread asked does not hold the relay."""
+        code = (
+            "import itn, os, threading, time\n"
+            "def forked(_):\n"
+            "  if not pids:\n"
+            "    pids.append(os.fork())\n"
+            "    if pids[0] == 0: time.sleep(1000)\n"
+            "    print(list(itn.workers._all)[0]._child.pid, pids[0], flush=True)\n"
+            "pids = []\n"
+            f"itn.render({str(EXAMPLES / 'cube.textproto')!r}, **{ENDLESS}, workers={self.address!r}, progress=forked)\n"
+        )
+        with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as child:
+            relay, fork = map(int, child.stdout.readline().split())
+            try:
+                ended = os.pidfd_open(relay)
+                child.kill()
+                self.assertEqual(select.select([ended], [], [], 60)[0], [ended])
+                os.close(ended)
+            finally:
+                os.kill(fork, signal.SIGKILL)
 
     def test_are_asked_for_by_forked_processes(self):
         expected = itn.render(CUBE, **MEDIUM, spp=1, workers=self.address).image

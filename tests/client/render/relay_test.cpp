@@ -1,5 +1,7 @@
 #include "client/render/relay.h"
 
+#include <google/protobuf/io/zero_copy_stream_impl.h>
+#include <google/protobuf/util/delimited_message_util.h>
 #include <gtest/gtest.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -10,6 +12,7 @@
 #include <exception>
 #include <future>
 #include <memory>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -17,6 +20,7 @@
 #include "client/render/local_renderer.h"
 #include "client/render/relay_renderer.h"
 #include "common/error.h"
+#include "itn/v1/relay.pb.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/scenes.h"
 
@@ -135,24 +139,53 @@ TEST_F(RelayTest, EndsWithItsInputThoughARenderIsUnderWay) {
   EXPECT_EQ(relay.error(), "");
 }
 
+TEST_F(RelayTest, IsAskedBeforeItReads) {
+  std::optional<Relay> relay;  // ends after its renderer
+  RelayRenderer renderer(sockets_[0], "1");
+  v1::Scene large = testing::cube_scene();
+  large.mutable_object()->mutable_mesh()->mutable_triangles()->mutable_positions()->resize(1 << 24);
+  std::future<v1::RenderGradReply> later = renderer.submit(job_of_scene(1, large));
+  std::future<v1::RenderGradReply> last = renderer.submit(job_of_scene(2));
+  EXPECT_EQ(renderer.parallelism(), 1);
+  relay.emplace(local_, sockets_[1]);
+  EXPECT_EQ(last.get().width(), 16U);
+}
+
+TEST_F(RelayTest, EndsWhenNobodyReads) {
+  std::array<int, 2> in{}, out{};
+  ASSERT_EQ(::pipe(in.data()) + ::pipe(out.data()), 0);
+  ::close(out[0]);
+  relay_renders(local_, "1", in[0], out[1]);
+  for (const int one : {in[0], in[1], out[1], sockets_[0], sockets_[1]}) ::close(one);
+}
+
+// Sends a request with its scene, and no more.
+void send_last(int socket, const RenderJob& job) {
+  v1::RenderGradRequest request = job.request;
+  request.set_scene(job.scene->bytes);
+  request.set_scene_digest(job.scene->digest);
+  ASSERT_TRUE(google::protobuf::util::SerializeDelimitedToFileDescriptor(request, socket));
+  ::shutdown(socket, SHUT_WR);
+}
+
 TEST_F(RelayTest, AnswersWhatItReadBeforeTheEnd) {
   Relay relay(local_, sockets_[1]);
-  RelayRenderer renderer(sockets_[0], "1");
-  std::future<v1::RenderGradReply> last = renderer.submit(job_of_scene(1));
-  ::shutdown(sockets_[0], SHUT_WR);
-  EXPECT_EQ(last.get().width(), 16U);
+  send_last(sockets_[0], job_of_scene(1));
+  google::protobuf::io::FileInputStream replies(sockets_[0]);
+  v1::RelayReply reply;
+  ASSERT_TRUE(google::protobuf::util::ParseDelimitedFromZeroCopyStream(&reply, &replies, nullptr));
+  EXPECT_EQ(reply.render().width(), 16U);
   EXPECT_EQ(relay.error(), "");
+  ::close(sockets_[0]);
 }
 
 TEST_F(RelayTest, SaysThatItCannotWrite) {
   std::array<int, 2> pipe{};
   ASSERT_EQ(::pipe(pipe.data()), 0);
-  RelayRenderer renderer(sockets_[0], "1");
-  std::future<v1::RenderGradReply> never = renderer.submit(job_of_scene(1));
-  ::shutdown(sockets_[0], SHUT_WR);
+  send_last(sockets_[0], job_of_scene(1));
   testing::expect_error(ErrorKind::kIo, {"cannot write an answer"},
                         [&] { relay_renders(local_, "1", sockets_[1], pipe[0]); });
-  for (const int one : {pipe[0], pipe[1], sockets_[1]}) ::close(one);
+  for (const int one : {pipe[0], pipe[1], sockets_[0], sockets_[1]}) ::close(one);
 }
 
 TEST_F(RelayTest, RefusesOtherInput) {

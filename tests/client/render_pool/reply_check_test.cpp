@@ -113,6 +113,14 @@ TEST(GradientReply, HasANumberForEachDerivative) {
   refused("the number of gradients is 0 rather than 1");
   reply.mutable_estimates(0)->add_gradient(0.5);
   EXPECT_NO_THROW(check_reply(reply, job));
+  reply.mutable_estimates(0)->set_light_gradient(std::string(8, '\0'));
+  refused("light_gradient has 8 bytes");
+  job.request.mutable_gradient()->set_light(0);
+  EXPECT_NO_THROW(check_reply(reply, job));
+  reply.mutable_estimates(0)->mutable_light_gradient()->pop_back();
+  refused("light_gradient has 7 bytes");
+  job.request.mutable_gradient()->clear_light();
+  reply.mutable_estimates(0)->clear_light_gradient();
   reply.mutable_estimates(0)->set_gradient(0, kNan);
   refused("a gradient is nan");
 }

@@ -144,14 +144,14 @@ TEST(MitsubaScene, KeepsAPanoramaExactly) {
 TEST(MitsubaScene, IsInColourOrGrayAsTheFilmSees) {
   v1::Scene scene = under(R"(
       lights { panel { center { y: 5 } half_u { x: 1 } half_v { z: 1 } radiance: 2 }
-               color { red: 1 green: 0 blue: 0 } })");
+               color { red: 1 green: 0 blue: 0.5 } })");
   scene.mutable_surfaces(0)->mutable_color()->set_red(0.9F);
   EXPECT_THAT(files_of(scene).xml, HasSubstr(R"(<float name="radiance" value="2" />)"));
   scene.mutable_film()->set_channel(v1::Film::BLUE);
-  EXPECT_THAT(files_of(scene).xml, HasSubstr(R"(<float name="radiance" value="0" />)"));
+  EXPECT_THAT(files_of(scene).xml, HasSubstr(R"(<float name="radiance" value="4.020909" />)"));
   scene.mutable_film()->set_channel(v1::Film::RGB);
   const std::string xml = files_of(scene, {{4, 0.9, 0.3}, {2, 0.8, 0.3}, {1, 0.5, 0.3}}).xml;
-  EXPECT_THAT(xml, HasSubstr(R"(<rgb name="radiance" value="9.407338, 0, 0" />)"));
+  EXPECT_THAT(xml, HasSubstr(R"(<rgb name="radiance" value="8.041818, 0, 4.020909" />)"));
   EXPECT_THAT(xml, HasSubstr(R"(<rgb name="reflectance" value="0.9, 0.5, 0.5" />)"));
   EXPECT_THAT(xml, HasSubstr(R"(<rgb name="sigma_t" value="1, 0.5, 0.25" />)"));
   EXPECT_THAT(xml, HasSubstr(R"(<float name="scale" value="4" />)"));
@@ -203,10 +203,39 @@ TEST(MitsubaScene, SaysWhatHasNoCounterpart) {
                           HasSubstr("lights[0]")));
 }
 
+TEST(MitsubaScene, SaysWhereItLeavesNoAir) {
+  v1::Scene scene = testing::cube_scene();
+  scene.clear_surfaces();
+  scene.mutable_object()->mutable_dielectric();
+  scene.mutable_lights(1)->Clear();
+  scene.MergeFrom(testing::parse_text<v1::Scene>(R"(
+      other_objects { mesh { builtin: "cube" transforms { translate { y: -1 } } }
+                      dielectric {} material { sigma_t: 1 } }
+      surfaces { rectangle { half_u { x: 20 } half_v { z: -20 } } }
+      surfaces { mesh { builtin: "cube" transforms { translate { x: 1 } } } })"));
+  scene.mutable_lights(1)->MergeFrom(testing::parse_text<v1::Light>(R"(
+      panel { center { y: 1 } half_u { x: 0.2 } half_v { z: 0.2 } })"));
+  const std::vector<std::vector<Material>> media{{{8, 0.9, 0}}, {{1, 0, 0}}};
+  const MitsubaFiles files = to_mitsuba(scene, media, {}, "cube");
+  EXPECT_THAT(files.not_carried_over,
+              ElementsAre(HasSubstr("surface_0: where an object touches it"),
+                          HasSubstr("surface_1: where an object touches it"),
+                          HasSubstr("lights[1]: an object touches it; it is moved 0.004 mm"),
+                          HasSubstr("other_objects[0]: where an object touches it")));
+  EXPECT_THAT(files.xml, HasSubstr("1.004"));
+}
+
 TEST(MitsubaScene, RefusesWhatCannotBeRendered) {
   v1::Scene scene = testing::cube_scene();
   scene.mutable_lights(0)->mutable_constant()->set_radiance(-1);
   testing::expect_error(ErrorKind::kInvalidInput, {"radiance"}, [&] { files_of(scene); });
+  scene = testing::cube_scene();
+  scene.mutable_object()->mutable_mesh()->mutable_triangles()->mutable_indices()->resize(12 * 11);
+  testing::expect_error(ErrorKind::kInvalidInput, {"open"}, [&] { files_of(scene); });
+  scene = testing::cube_scene();
+  scene.mutable_lights(0)->mutable_constant()->set_radiance(0);
+  scene.mutable_lights(1)->mutable_directional()->set_irradiance(0);
+  testing::expect_error(ErrorKind::kInvalidInput, {"nothing shines"}, [&] { files_of(scene); });
 }
 
 }  // namespace
