@@ -84,7 +84,7 @@ PATTERN = {"corner": (0.3, 0, 0.2), "edge_u": (0.8, 0, 0.3), "edge_v": (-0.2, 0,
 GLOSS = {"index": 1.4, "roughness": 0.3, "single_scattering": True}
 SCENES = {
     "standing": (scene(lights=[{"constant": {}}], objects=[raised("cube", (0, 0, 0))]), {}),
-    "mirrored, at a wall": (
+    "mirrored, under a lamp": (
         scene(
             lights=[
                 {"panel": {"center": (0.6, 0.5, 0), "half_u": (0, 0, 0.6), "half_v": (0, 0.6, 0), "radiance": 2}},
@@ -100,7 +100,6 @@ SCENES = {
                     material=[{"sigma_t": 2, "albedo": 0.7}],
                 ),
             ],
-            surfaces=[GROUND, {"rectangle": {"center": (-1.2, 1, 0), "half_u": (0, 2, 0), "half_v": (0, 0, 2)}}],
         ),
         {"g": 0.2},
     ),
