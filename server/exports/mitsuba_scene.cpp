@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <sstream>
 #include <utility>
 #include <variant>
@@ -14,10 +13,10 @@
 #include "common/angle.h"
 #include "common/error.h"
 #include "server/exports/air.h"
+#include "server/exports/panorama.h"
 #include "server/scene_compiler/field_reader.h"
 #include "server/scene_compiler/scene_builder.h"
 #include "server/tracer/geometry/corner_normals.h"
-#include "server/tracer/lights/lights.h"
 #include "server/tracer/phase/phase_function.h"
 #include "server/tracer/scene/scene.h"
 
@@ -82,123 +81,6 @@ void matrix(Node to, const char* name, const std::array<std::array<double, 4>, 3
   for (const auto& [a, b, c, d] : rows) all += triple(a, b, c) + ", " + exact(d) + ", ";
   property(to, "transform", name).append_child("matrix").append_attribute("value") =
       (all + "0, 0, 0, 1").c_str();
-}
-
-// ---- Panoramas -------------------------------------------------------------------------------
-
-// The largest that is made, in pixels.
-constexpr int kMostColumns = 4096, kFewestColumns = 512;
-
-// Far away and of some size, so that it has a place in a panorama.
-bool is_panoramic(const tracer::LightDescription& light) {
-  const auto* sun = std::get_if<tracer::DirectionalLight>(&light);
-  return std::holds_alternative<tracer::SunSkyLight>(light) ||
-         std::holds_alternative<tracer::EnvironmentMapLight>(light) ||
-         std::holds_alternative<tracer::ConstantLight>(light) ||
-         (sun != nullptr && sun->angular_radius > 0);
-}
-
-// In columns; 0: there is none.
-int widest_map(const std::vector<tracer::LightDescription>& lights) {
-  int widest = 0;
-  for (const tracer::LightDescription& light : lights) {
-    const auto* map = std::get_if<tracer::EnvironmentMapLight>(&light);
-    if (map != nullptr) widest = std::max(widest, map->width);
-  }
-  return widest;
-}
-
-// So many that three pixels lie on the radius of the smallest sun.
-int columns_for(const std::vector<tracer::LightDescription>& lights) {
-  double columns = std::max(kFewestColumns, widest_map(lights));
-  for (const tracer::LightDescription& light : lights) {
-    double radius = 0;
-    if (const auto* sky = std::get_if<tracer::SunSkyLight>(&light); sky && sky->sun_scale > 0) {
-      radius = sky->sun_angular_radius;
-    }
-    if (const auto* sun = std::get_if<tracer::DirectionalLight>(&light)) {
-      radius = sun->angular_radius;
-    }
-    if (radius > 0) columns = std::max(columns, 3 * 2 * std::numbers::pi / radius);
-  }
-  return std::min(kMostColumns, 2 * static_cast<int>(std::ceil(columns / 2)));
-}
-
-// The direction of a place in a panorama, in parts of its width and height.
-Vec3f direction_of(double u, double v) {
-  const double azimuth = 2 * std::numbers::pi * u, theta = std::numbers::pi * v;
-  return static_cast<Vec3f>(Vec3d{std::sin(theta) * std::sin(azimuth), std::cos(theta),
-                                  -std::sin(theta) * std::cos(azimuth)});
-}
-
-// Mitsuba's panoramas have their first row at v = 0 and their last one at v = 1.
-int rows_for(int columns) {
-  return columns / 2 + 1;
-}
-
-// The means of its pixels: by their middles, or by so many places on a side as each has pixels of a
-// map, or by many where middle and corners differ.
-std::vector<float> rendered_panorama(const tracer::Lights& lights, int columns, int pixels_of_map) {
-  const int rows = rows_for(columns);
-  const auto v_of = [&](double y) { return std::clamp((y - 0.5) / (rows - 1), 0.0, 1.0); };
-  const auto radiance = [&](double x, double y) {
-    return lights.radiance(direction_of(x / columns, v_of(y)));
-  };
-  const auto corners_of = [&](int row) {
-    std::vector<float> corners;
-    for (int x = 0; x <= columns; ++x) corners.push_back(radiance(x, row));
-    return corners;
-  };
-  std::vector<float> result;
-  std::vector<float> above = corners_of(0);
-  for (int row = 0; row < rows; ++row) {
-    const std::vector<float> below = corners_of(row + 1);
-    for (int x = 0; x < columns; ++x) {
-      const float middle = radiance(x + 0.5, row + 0.5);
-      const auto [least, most] =
-          std::ranges::minmax({above[x], above[x + 1], below[x], below[x + 1], middle});
-      constexpr int kMany = 16;
-      const int places = std::max(most > 1.2F * least ? kMany : 1, pixels_of_map);
-      if (places == 1) {
-        result.push_back(middle);
-        continue;
-      }
-      double sum = 0, weights = 0;
-      for (int j = 0; j < places; ++j) {
-        const double y = row + (j + 0.5) / places;
-        const double weight = std::sin(std::numbers::pi * v_of(y));
-        for (int i = 0; i < places; ++i) {
-          sum += weight * radiance(x + (i + 0.5) / places, y);
-          weights += weight;
-        }
-      }
-      result.push_back(static_cast<float>(sum / weights));
-    }
-    above = below;
-  }
-  return result;
-}
-
-// The most rows of a map that is written with twice as many.
-constexpr int kMostRows = 4096;
-
-// A panorama whose rows lie in the middles of pixels, with the rows of Mitsuba's: at all of these,
-// between them, and at both ends; of a high one, between them and at both ends.
-struct RowsAtEnds {
-  int height = 0;
-  std::vector<float> rgb;
-};
-RowsAtEnds with_rows_at_ends(const tracer::EnvironmentMapLight& map) {
-  const int steps = map.height > kMostRows ? 1 : 2;
-  RowsAtEnds result{.height = steps * map.height + 1, .rgb = {}};
-  for (int row = 0; row < result.height; ++row) {
-    const int above = steps == 1 ? row - 1 : (row - 1) / 2, below = row / steps;
-    const size_t numbers = 3 * static_cast<size_t>(map.width);
-    const float* const first = map.rgb.data() + std::max(0, above) * numbers;
-    const float* const second = map.rgb.data() + std::min(below, map.height - 1) * numbers;
-    for (size_t i = 0; i < numbers; ++i) result.rgb.push_back((first[i] + second[i]) / 2);
-  }
-  return result;
 }
 
 // ---- The scene -------------------------------------------------------------------------------
@@ -610,8 +492,8 @@ class Writer {
     const auto* const map = std::get_if<tracer::EnvironmentMapLight>(&scene_.lights[far[0]]);
     if (map != nullptr && far.size() == 1) {
       degrees = map->rotate_y / kRadiansPerDegree;
-      const RowsAtEnds rows = with_rows_at_ends(*map);
-      file = add_picture(kPanorama, map->width, rows.height, map->scale, rows.rgb);
+      const Panorama panorama = panorama_of(*map);
+      file = add_picture(kPanorama, panorama.width, panorama.height, map->scale, panorama.rgb);
     } else {
       std::vector<tracer::LightDescription> lights;
       std::vector<Rgb> colours;
@@ -619,42 +501,20 @@ class Writer {
         lights.push_back(scene_.lights[i]);
         colours.push_back(scene_.light_colours[i]);
       }
-      const int columns = columns_for(lights);
-      if (widest_map(lights) > columns) {
+      const Panorama panorama = panorama_of(lights, colours, scene_.film.channel);
+      if (panorama.loses_detail) {
         leave(
             fmt::format("the panorama of lights that are far away has {} columns, fewer than a "
                         "map of theirs",
-                        columns));
+                        panorama.width));
       }
-      file = add_picture(kPanorama, columns, rows_for(columns), 1,
-                         panorama_of(lights, colours, columns));
+      file = add_picture(kPanorama, panorama.width, panorama.height, 1, panorama.rgb);
     }
     const Node emitter = plugin(root_, "emitter", "envmap");
     text(emitter, "string", "filename", file);
     Node rotate = property(emitter, "transform", "to_world").append_child("rotate");
     rotate.append_attribute("y") = "1";
     rotate.append_attribute("angle") = exact(degrees).c_str();
-  }
-
-  std::vector<float> panorama_of(const std::vector<tracer::LightDescription>& lights,
-                                 const std::vector<Rgb>& colours, int columns) const {
-    std::vector<float> rgb(3 * static_cast<size_t>(columns) * rows_for(columns));
-    const int pixels_of_map = std::max(1, (widest_map(lights) + columns - 1) / columns);
-    const auto add = [&](Channel channel, size_t first, size_t count) {
-      PartCache parts(0);
-      std::vector<std::string> keys;
-      const tracer::Lights seen_by(lights, {channel, {}, {}, parts, keys}, colours);
-      const std::vector<float> one = rendered_panorama(seen_by, columns, pixels_of_map);
-      for (size_t i = 0; i < one.size(); ++i) {
-        for (size_t c = first; c < first + count; ++c) rgb[3 * i + c] = one[i];
-      }
-    };
-    if (film_is_in_colour()) {
-      for (size_t c = 0; c < 3; ++c) add(tracer::kColours[c], c, 1);
-    } else {
-      add(scene_.film.channel, 0, 3);
-    }
-    return rgb;
   }
 
   void add_light(size_t i, const tracer::DirectionalLight& light) {

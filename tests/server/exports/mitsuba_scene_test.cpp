@@ -141,6 +141,20 @@ TEST(MitsubaScene, KeepsAPanoramaExactly) {
   EXPECT_THAT(files.xml, HasSubstr(R"(<rotate y="1" angle="30" />)"));
 }
 
+TEST(MitsubaScene, HasNoMoreRowsThanAreReadBack) {
+  constexpr int kHeight = 5000;
+  v1::Scene scene = under("lights { environment_map { pixels { width: 1 height: 5000 } } }");
+  std::vector<float> rgb;
+  for (int i = 0; i < kHeight; ++i) rgb.insert(rgb.end(), 3, static_cast<float>(i));
+  scene.mutable_lights(0)->mutable_environment_map()->mutable_pixels()->set_rgb(to_bytes(rgb));
+  const MitsubaFiles files = files_of(scene);
+  ASSERT_EQ(files.pictures.size(), 1U);
+  EXPECT_EQ(files.pictures[0].height, kHeight + 1);
+  EXPECT_EQ(files.pictures[0].rgb[0], 0);
+  EXPECT_EQ(files.pictures[0].rgb[3 * 10], 9.5F);
+  EXPECT_EQ(files.pictures[0].rgb[3 * kHeight], kHeight - 1);
+}
+
 TEST(MitsubaScene, IsInColourOrGrayAsTheFilmSees) {
   v1::Scene scene = under(R"(
       lights { panel { center { y: 5 } half_u { x: 1 } half_v { z: 1 } radiance: 2 }
