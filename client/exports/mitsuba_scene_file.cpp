@@ -51,6 +51,7 @@ Image image_of(const MitsubaFiles::Picture& picture) {
 
 std::vector<std::string> write_mitsuba_scene(const std::filesystem::path& path,
                                              const v1::Scene& scene, const ImageRequest& request) {
+  check_writable(path);
   const std::vector<ImageChannel> channels = channels_of(request, scene);
   std::vector<Material> of_object;
   for (const ImageChannel& channel : channels) of_object.push_back(channel.material);

@@ -14,6 +14,7 @@
 
 #include "common/error.h"
 #include "common/files/file_descriptor.h"
+#include "common/printable.h"
 
 namespace itn {
 namespace fs = std::filesystem;
@@ -37,6 +38,10 @@ std::optional<struct stat> status_of(const fs::path& path) {
 
 // The file that a chain of symbolic links leads to, whether it exists or not.
 fs::path follow_links(const fs::path& target) {
+  if (target.native().find('\0') != std::string::npos) {
+    throw invalid_input(
+        fmt::format("cannot write {}: its name has a NUL", printable(target.string())));
+  }
   constexpr int kMaxLinks = 40;  // as Linux
   fs::path path = target;
   for (int i = 0; i < kMaxLinks; ++i) {

@@ -11,6 +11,7 @@
 
 #include "common/error.h"
 #include "common/files/file_descriptor.h"
+#include "common/printable.h"
 
 namespace itn {
 namespace fs = std::filesystem;
@@ -53,6 +54,10 @@ std::string read_to_end(int fd, uint64_t expected_bytes, uint64_t max_bytes,
 }  // namespace
 
 std::string read_file(const fs::path& path, const std::string& what, uint64_t max_bytes) {
+  if (path.native().find('\0') != std::string::npos) {
+    throw invalid_input(
+        fmt::format("cannot read the {} {}: its name has a NUL", what, printable(path.string())));
+  }
   const std::string name = fmt::format("the {} {}", what, path.string());
   // Without O_NONBLOCK, opening a FIFO waits for its writer.
   const FileDescriptor file(::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));

@@ -19,6 +19,7 @@ from . import _core, programs
 from .errors import Error, InvalidInput
 from .rendering import Render
 from .scene import Scene, as_scene
+from .workers import addresses_of
 
 _FORMATS = {".mtlx": "openpbr", ".xml": "mitsuba", ".pbrt": "pbrt", ".py": "blender", ".ass": "arnold"}
 
@@ -211,6 +212,8 @@ class Files:
 
     def picture(self, picture: Any, name: str, is_mask: bool = False) -> str:
         if isinstance(picture, (str, os.PathLike)):
+            if "\0" in os.fspath(picture):
+                raise InvalidInput(f"{name} {picture!r}: the name of a file has no NUL")
             return os.path.abspath(picture)
         if isinstance(picture, Render):
             path = self.new(".exr", name)
@@ -287,7 +290,7 @@ def _iterations(folder: str) -> list[dict[str, Any]]:
     try:
         with open(os.path.join(folder, "trajectory.jsonl"), encoding="utf-8") as lines:
             return [json.loads(line) for line in lines]
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return []
 
 
@@ -444,6 +447,10 @@ def _refinement(
     flags: dict[str, Any],
     files: Files,
 ) -> Refinement:
+    if output is not None and (not os.fspath(output) or "\0" in os.fsdecode(output)):
+        raise InvalidInput(f"output {output!r}: it is the name of a folder")
+    if flags.get("workers") is not None:
+        flags = {**flags, "workers": addresses_of(flags["workers"])}
     folder = os.path.abspath(output) if output is not None else files.new("", "the folder of the answer")
     said = _iterations(folder)
 

@@ -38,7 +38,9 @@ def warn(message: str) -> None:
     package = os.path.dirname(__file__)
     frame, level = sys._getframe(), 1
     while frame.f_back is not None and (
-        os.path.dirname(frame.f_code.co_filename) == package or frame.f_code.co_filename == contextlib.__file__
+        os.path.dirname(frame.f_code.co_filename) == package
+        or frame.f_code.co_filename == contextlib.__file__
+        or frame.f_globals.get("__name__", "").startswith("torch.")
     ):
         frame, level = frame.f_back, level + 1
     warnings.warn(message, stacklevel=level)
@@ -54,6 +56,8 @@ def writing(path: str | os.PathLike[str]) -> Iterator[str]:
         os.replace(temporary, name)
     except OSError as error:
         raise FileError(f"cannot write {name}: {error.strerror or error}") from None
+    except ValueError as error:  # of a name with a NUL
+        raise InvalidInput(f"cannot write {name!r}: {error}") from None
     finally:
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, ValueError):
             os.unlink(temporary)

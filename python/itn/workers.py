@@ -140,7 +140,7 @@ def asked(workers: Workers | Asked | None) -> Iterator[Asked]:
     if isinstance(workers, Asked):
         yield workers
         return
-    addresses = _addresses(workers)
+    addresses = addresses_of(workers)
     relay = _take(addresses) or _Relay(addresses)
     try:
         yield Asked(relay)
@@ -158,11 +158,12 @@ def asked(workers: Workers | Asked | None) -> Iterator[Asked]:
         relay.end()
 
 
-def _addresses(workers: Workers) -> str:
+def addresses_of(workers: Workers) -> str:
+    """With commas. Raises InvalidInput."""
     several = [workers] if isinstance(workers, (str, os.PathLike)) else workers
     if isinstance(several, (list, tuple)) and all(isinstance(one, (str, os.PathLike)) for one in several):
         addresses = [address.strip() for one in several for address in str(os.fspath(one)).split(",")]
-        if addresses and all(addresses):
+        if addresses and all(addresses) and "\0" not in "".join(addresses):
             return ",".join(addresses)
     raise InvalidInput(f"workers {workers!r}: they are an address, as 'host:50051' or 'unix:/run/w', or a list of some")
 

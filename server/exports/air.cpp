@@ -6,8 +6,9 @@
 namespace itn {
 namespace {
 
-// Of the largest coordinate, in mm, plus 1: Mitsuba's rays start at 9e-5 of that.
-constexpr double kAir = 2e-3, kTouch = 1e-4;
+// Of the largest coordinate, in mm, plus 1. Rays start as Mitsuba 3 has it (Interaction::spawn_ray,
+// in single precision).
+constexpr double kAir = 2e-3, kTouch = 1e-4, kRays = 8.9e-5;
 
 double size_of(const Mesh& mesh) {
   double largest = 0;
@@ -62,6 +63,10 @@ Contact contact_of(const std::array<Vec3d, 4>& rectangle, std::span<const Mesh> 
   const bool is_between = above > 0 && below > 0;
   return {.touches = above > 0 || below > 0,
           .away = is_between ? Vec3d{} : normal * (below - above)};
+}
+
+double start_of_rays(const Mesh& mesh) {
+  return kRays * size_of(mesh);
 }
 
 bool may_touch(const Mesh& a, const Mesh& b) {

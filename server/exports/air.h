@@ -19,6 +19,9 @@ struct Contact {
 };
 Contact contact_of(const std::array<Vec3d, 4>& rectangle, std::span<const Mesh> objects);
 
+// How far from a surface Mitsuba's rays start, in mm, where a mesh is.
+double start_of_rays(const Mesh& mesh);
+
 // Whether the boxes around two meshes touch, or overlap: if not, they do not touch.
 bool may_touch(const Mesh& a, const Mesh& b);
 

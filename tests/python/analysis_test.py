@@ -130,6 +130,15 @@ class Analyses(unittest.TestCase):
             itn.refine([np.ones((4, 4)), np.ones((4, 4))], 3 * [cube])
         with self.assertRaisesRegex(itn.InvalidInput, "^(?!.*/tmp/itn).*image"):
             itn.refine(np.ones((4, 4)), cube)
+        for wrong, says in (
+            ({"output": ""}, "output"),
+            ({"workers": ","}, "^workers"),
+            ({"workers": True}, "^workers"),
+        ):
+            with self.subTest(wrong), self.assertRaisesRegex(itn.InvalidInput, says):
+                itn.refine(np.ones((4, 4)), cube, **wrong)
+        with self.assertRaisesRegex(itn.FileError, "mug.jpg"):
+            itn.refine(np.ones((128, 128)), cube, output=EXAMPLES / "mug.jpg", mask=np.ones((128, 128)))
         with self.assertRaisesRegex(itn.InvalidInput, "sigma_t, albedo"):
             itn.predict(EXAMPLES / "mug.jpg", mask=EXAMPLES / "mug_mask.png").value("roughness")
 

@@ -169,10 +169,19 @@ class Scenes(unittest.TestCase):
             error = np.sqrt((there.stderr**2).sum() + (here.stderr**2).sum()) / here.image.size
             self.assertLess(difference, 4 * error)
             self.assertLess(error, 0.01 * here.image.mean())
+            os.mkdir(f"{folder}/folder.xml")
+            with self.assertRaisesRegex(itn.FileError, "folder.xml"):
+                scene.save(f"{folder}/folder.xml", **medium)
+            self.assertNotIn("folder_object.ply", os.listdir(folder))
+            with self.assertRaisesRegex(itn.InvalidInput, "null"):
+                scene.save(f"{folder}/b\0.textproto")
+            with self.assertRaisesRegex(itn.InvalidInput, "NUL"):
+                itn.load(f"{folder}/$a\0.textproto")
             for path, wrong, says in (
                 ("a.xml", {"albedo": 2}, "albedo"),
                 ("a.pbrt", {}, "ends in .xml"),
                 (os.fsdecode(b"\xff.xml"), {}, "UTF-8"),
+                ("a\0.xml", {}, "NUL"),
             ):
                 with self.assertRaisesRegex(itn.InvalidInput, says):
                     scene.save(f"{folder}/{path}", **{**medium, **wrong})

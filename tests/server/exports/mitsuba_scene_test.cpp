@@ -217,6 +217,33 @@ TEST(MitsubaScene, SaysWhatHasNoCounterpart) {
                           HasSubstr("lights[0]")));
 }
 
+TEST(MitsubaScene, IsMovedToTheOriginWhereItsObjectIsFarAway) {
+  v1::Scene scene = testing::cube_scene();
+  scene.clear_surfaces();
+  scene.MergeFrom(testing::parse_text<v1::Scene>(R"(
+      object { mesh { transforms { translate { x: 100 y: -0.5 } } } }
+      surfaces { rectangle { center { x: 100 y: -2 } half_u { x: 8 } half_v { z: -8 } }
+                 checkerboard { corner { x: 100 y: -2 } edge_u { x: 8 } edge_v { z: -8 } } }
+      lights { point { position { x: 101 y: 5 } } }
+      camera { origin { x: 100 } target { x: 100 } })"));
+  const MitsubaFiles files = files_of(scene);
+  EXPECT_THAT(files.not_carried_over, IsEmpty());
+  for (const Vec3f v : files.shapes[0].mesh.vertices) EXPECT_LE(std::abs(v.x), 0.5F);
+  EXPECT_THAT(files.xml, HasSubstr("What was at 100, 0, 0 is the origin."));
+  EXPECT_THAT(files.xml, HasSubstr("origin=\"0, 1.5, -4\" target=\"0, 0.5, 0\""));
+  EXPECT_THAT(files.xml, HasSubstr(R"(<point name="position" x="1" y="5" z="0" />)"));
+  EXPECT_THAT(files.xml, HasSubstr("\"8, 0, -0, 0, 0, 0, 1, -2, 0, -8, 0, 0, 0, 0, 0, 1\""));
+  EXPECT_THAT(files.xml, HasSubstr("\"1, 0, 0, -0.5, 0, 1, 0, -0.5, 0, 0, 1, 0, 0, 0, 0, 1\""));
+}
+
+TEST(MitsubaScene, SaysThatItsMediumIsDense) {
+  EXPECT_THAT(files_of(testing::cube_scene(), {{100, 0.9, 0}}).not_carried_over,
+              ElementsAre(HasSubstr("touches")));
+  EXPECT_THAT(
+      files_of(testing::cube_scene(), {{1000, 0.9, 0}}).not_carried_over,
+      ElementsAre(HasSubstr("touches"), HasSubstr("start 0.00018 mm off surfaces, 0.18 of")));
+}
+
 TEST(MitsubaScene, SaysWhereItLeavesNoAir) {
   v1::Scene scene = testing::cube_scene();
   scene.clear_surfaces();
