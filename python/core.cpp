@@ -262,12 +262,7 @@ PyImport import_scene(const std::string& path, double mm_per_unit,
   v1::Scene& scene = result.scene.message;
   load_files(scene, folder);
   if (imported.in_colour) scene.mutable_film()->set_channel(v1::Film::RGB);
-  if (!imported.medium) return result;
-  const auto& [red, green, blue] = *imported.medium;
-  const bool one = red == green && red == blue;
-  for (const Material& m : std::span(*imported.medium).first(one ? 1 : 3)) {
-    *scene.mutable_object()->add_material() = to_proto(m);
-  }
+  if (imported.medium) add_materials(*imported.medium, *scene.mutable_object());
   return result;
 }
 
@@ -523,11 +518,8 @@ std::vector<std::vector<double>> gradient(const PyScene& scene, const PyRequest&
     const std::span numbers(plane.data(), plane.size());
     gradients[c].resize(request.image.derivatives.size());
     if (std::ranges::all_of(numbers, [](float w) { return w == 0; })) continue;
-    v1::Scene shown = scene.message;
-    shown.mutable_film()->set_channel(channels[c].shown);
-    ImageRequest one = request.image;
-    one.colour = false;
-    RenderJob& job = jobs.emplace_back(jobs_of(one, shown, channels_of(one, shown)).front());
+    RenderJob& job = jobs.emplace_back(
+        jobs_of(request.image, scene.message, std::span(&channels[c], 1)).front());
     job.request.mutable_gradient()->set_weight(to_bytes(numbers));
     channel_of_job.push_back(c);
   }

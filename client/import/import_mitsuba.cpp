@@ -476,10 +476,7 @@ class Importer {
       result_.medium = material;
       return;
     }
-    const bool one = material[0] == material[1] && material[1] == material[2];
-    for (const Material& of : std::span(material).first(one ? 1 : 3)) {
-      *object.add_material() = to_proto(of);
-    }
+    add_materials(material, object);
   }
 
   // Mitsuba 0.6 has those of Jensen and Narasimhan in 1/mm, under names of which ours are the small
@@ -865,6 +862,13 @@ class Importer {
 };
 
 }  // namespace
+
+void add_materials(const std::array<Material, 3>& materials, v1::Object& object) {
+  const bool one = materials[0] == materials[1] && materials[1] == materials[2];
+  for (const Material& material : std::span(materials).first(one ? 1 : 3)) {
+    *object.add_material() = to_proto(material);
+  }
+}
 
 ImportedScene import_mitsuba(const fs::path& path, const ImportOptions& options) {
   return Importer(path, options).run();

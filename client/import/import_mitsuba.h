@@ -32,6 +32,9 @@ struct ImportedScene {
   std::vector<std::string> not_carried_over;  // a sentence each
 };
 
+// Adds the materials of R, G and B to an object; one, where they are the same.
+void add_materials(const std::array<Material, 3>& materials, v1::Object& object);
+
 // Throws Error: kIo, kInvalidInput (with file and place): no XML, no camera, a value that cannot be
 // read. What has no counterpart here is said in `not_carried_over`.
 ImportedScene import_mitsuba(const std::filesystem::path& path, const ImportOptions& options);

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import os
 import pathlib
@@ -158,7 +157,7 @@ class Refinement(Answer):
     def trajectory(self) -> list[dict[str, Any]]:
         """What each iteration was: materials, loss, spp, seconds and so on (RefineIteration in
         docs/reference/refine.md)."""
-        return _iterations(self.folder)
+        return [json.loads(line) for line in _lines_of_iterations(self.folder)]
 
     @property
     def misfit(self) -> bool:
@@ -212,8 +211,6 @@ class Files:
 
     def picture(self, picture: Any, name: str, is_mask: bool = False) -> str:
         if isinstance(picture, (str, os.PathLike)):
-            if "\0" in os.fspath(picture):
-                raise InvalidInput(f"{name} {picture!r}: the name of a file has no NUL")
             return os.path.abspath(picture)
         if isinstance(picture, Render):
             path = self.new(".exr", name)
@@ -285,11 +282,11 @@ class Files:
         return made
 
 
-def _iterations(folder: str) -> list[dict[str, Any]]:
-    """Those that there are by now."""
+def _lines_of_iterations(folder: str) -> list[str]:
+    """A JSON object for each that there is by now."""
     try:
         with open(os.path.join(folder, "trajectory.jsonl"), encoding="utf-8") as lines:
-            return [json.loads(line) for line in lines]
+            return list(lines)
     except (FileNotFoundError, NotADirectoryError):
         return []
 
@@ -452,17 +449,17 @@ def _refinement(
     if flags.get("workers") is not None:
         flags = {**flags, "workers": addresses_of(flags["workers"])}
     folder = os.path.abspath(output) if output is not None else files.new("", "the folder of the answer")
-    said = _iterations(folder)
+    said = _lines_of_iterations(folder)
 
     def watch() -> None:
         nonlocal said
-        done = _iterations(folder)
+        done = _lines_of_iterations(folder)
         # One that was not finished before is done again.
-        same = sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], zip(said, done)))
+        same = len(os.path.commonprefix([said, done]))
         said = done
-        for iteration in done[same:]:
+        for line in done[same:]:
             if progress is not None:
-                progress(iteration)
+                progress(json.loads(line))
 
     given = {**files.flags(flags), "output": folder, "json": True}
     found = json.loads(

@@ -91,13 +91,8 @@ def run(
     if "help" in flags:
         raise InvalidInput("help: docs/reference/commands.md says what flags there are")
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as messages:
-        child = subprocess.Popen(
-            [find("itn"), command, *arguments({"quiet": True, **flags}), "--", *positional],
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=messages,
-            start_new_session=True,
-        )
+        words = [command, *arguments({"quiet": True, **flags}), "--", *positional]
+        child = start(words, subprocess.DEVNULL, output, messages)
         _children.add(child)
         try:
             while True:
@@ -107,7 +102,7 @@ def run(
                 if watch is not None:
                     watch()
         except BaseException:
-            _end(child)
+            end(child)
             raise
         finally:
             _children.discard(child)
@@ -118,6 +113,16 @@ def run(
         if warns:
             warn_of(said)
         return printed
+
+
+def start(
+    words: Sequence[str], stdin: int, stdout: int | IO[bytes], stderr: int | IO[bytes]
+) -> subprocess.Popen[bytes]:
+    """The program itn as a child, which Ctrl-C in a terminal does not reach."""
+    for word in words:
+        if "\0" in word:
+            raise InvalidInput(f"{word!r}: it has a NUL")
+    return subprocess.Popen([find("itn"), *words], stdin=stdin, stdout=stdout, stderr=stderr, start_new_session=True)
 
 
 def error_of(command: str, code: int, said: str) -> Error:
@@ -167,17 +172,20 @@ _children: set[subprocess.Popen[bytes]] = set()
 def _end_all() -> None:
     """Those of threads that Python leaves behind."""
     for child in list(_children):
-        _end(child)
+        end(child)
 
 
-def _end(child: subprocess.Popen[bytes]) -> None:
-    """As Ctrl-C in a shell does, and for good if that takes long."""
-    child.send_signal(signal.SIGINT)
+def end(child: subprocess.Popen[bytes], interrupt: bool = True) -> bool:
+    """As Ctrl-C in a shell does, or when it ends by itself; and for good if that takes long, which is False."""
+    if interrupt:
+        child.send_signal(signal.SIGINT)
     try:
         child.wait(timeout=5)
+        return True
     except subprocess.TimeoutExpired:
         child.kill()
         child.wait()
+        return False
 
 
 def main() -> None:

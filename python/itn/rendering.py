@@ -163,17 +163,17 @@ def processors(threads: int | None) -> int:
     return len(os.sched_getaffinity(0)) if threads is None else whole("threads", threads, 1, 1024)
 
 
-def set_medium(
-    request: _core.Request,
+def request_of(
     scene: Scene,
-    sigma_t: Numbers | None,
-    albedo: Numbers | None,
-    g: Numbers | None,
-    medium: str | Medium | None,
-    object_size: float | None,
-    phase: str | None,
-) -> bool:
-    """Puts the medium into a request: that which is given, or the scene's. Whether it is in colour."""
+    sigma_t: Numbers | None = None,
+    albedo: Numbers | None = None,
+    g: Numbers | None = None,
+    medium: str | Medium | None = None,
+    object_size: float | None = None,
+    phase: str | None = None,
+) -> tuple[_core.Request, bool]:
+    """A request with the medium alone: that which is given, or the scene's. Whether its numbers are in colour."""
+    request = _core.Request()
     given = [
         name
         for name, value in (("sigma_t", sigma_t), ("albedo", albedo), ("g", g), ("phase", phase))
@@ -190,35 +190,19 @@ def set_medium(
             raise InvalidInput(
                 "sigma_t and albedo are required, or medium, or a medium or material in the scene's object"
             )
-        return False
+        return request, False
     if medium is not None:
         name = medium.name if isinstance(medium, Medium) else named("medium", medium, str, "a name")
         if not name:
             raise InvalidInput("medium '': it is the name of a measured medium; itn.materials() has them")
         request.set_medium(name, 0.0 if object_size is None else positive("object_size", object_size))
-        return False
+        return request, False
     if sigma_t is None or albedo is None:
         raise InvalidInput("sigma_t and albedo are both required where one of the medium's numbers is given")
     kinds = [numbers("sigma_t", sigma_t), numbers("albedo", albedo), [] if g is None else numbers("g", g)]
     request.set_material(*kinds)
     request.set_phase("" if phase is None else named("phase", phase, str, "the text of a phase function"))
-    return any(len(kind) == 3 for kind in kinds)
-
-
-def medium_of(
-    scene: Scene,
-    sigma_t: Numbers | None,
-    albedo: Numbers | None,
-    g: Numbers | None,
-    medium: str | Medium | None,
-    object_size: float | None,
-    phase: str | None,
-) -> _core.Request:
-    """A request with the medium alone, in colour if the film or one of its numbers is."""
-    request = _core.Request()
-    in_colour = set_medium(request, scene, sigma_t, albedo, g, medium, object_size, phase)
-    request.set_colour(in_colour or scene._core.is_in_colour())
-    return request
+    return request, any(len(kind) == 3 for kind in kinds)
 
 
 def render(
@@ -288,8 +272,7 @@ def render(
         if isinstance(resolution, str) or len(sides) not in (1, 2):
             raise InvalidInput(f"resolution {resolution!r}: it is a number of pixels, or (width, height)")
         scene = scene.resized(*sides)
-    request = _core.Request()
-    in_colour = set_medium(request, scene, sigma_t, albedo, g, medium, object_size, phase)
+    request, in_colour = request_of(scene, sigma_t, albedo, g, medium, object_size, phase)
     if in_colour and colour is False:
         raise InvalidInput("colour=False and three numbers of red, green and blue: they are of an image in colour")
     if colour is False and scene._core.is_in_colour():

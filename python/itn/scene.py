@@ -105,13 +105,14 @@ class Scene:
         """
         name = os.fsdecode(path)
         if name.lower().endswith(".xml"):
-            from .rendering import medium_of
+            from .rendering import request_of
 
             try:
                 name.encode()
             except UnicodeEncodeError:
                 raise InvalidInput(f"path {name!r}: Mitsuba reads names in UTF-8") from None
-            request = medium_of(self, sigma_t, albedo, g, medium, object_size, phase)
+            request, in_colour = request_of(self, sigma_t, albedo, g, medium, object_size, phase)
+            request.set_colour(in_colour or self._core.is_in_colour())
             for sentence in _core.write_mitsuba_scene(name, self._core, request):
                 warn(f"{name}: {sentence}")
             return

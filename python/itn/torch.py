@@ -23,7 +23,7 @@ from torch.autograd.function import once_differentiable
 
 from . import _core
 from .errors import InvalidInput
-from .rendering import MAX_SEED, in_threads, processors, set_medium, whole
+from .rendering import MAX_SEED, in_threads, processors, request_of, whole
 from .rendering import render as _render
 from .scene import Scene, as_scene
 from .workers import Asked, Workers, asked
@@ -211,8 +211,7 @@ def _job(
     if colour is False:
         scene = scene.coloured(False)
     if not set(_MEDIUM) & parameters.keys() and phase is None:
-        request = _core.Request()
-        set_medium(request, scene, None, None, None, None, None, None)
+        request, _ = request_of(scene)
         request.set_colour(scene._core.is_in_colour() if colour is None else bool(colour))
         kinds = zip(_MEDIUM, zip(*_core.materials_of(scene._core, request)))
         parameters = {**{name: kind if len(set(kind)) > 1 else kind[0] for name, kind in kinds}, **parameters}

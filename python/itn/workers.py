@@ -6,7 +6,6 @@ import atexit
 import contextlib
 import os
 import socket
-import subprocess
 import tempfile
 import threading
 import weakref
@@ -33,13 +32,8 @@ class _Relay:
         self._lock = threading.Lock()  # guards that
         ours, theirs = socket.socketpair()
         with ours, theirs:
-            self._child = subprocess.Popen(
-                [programs.find("itn"), "relay", "--quiet", f"--workers={addresses}"],
-                stdin=theirs.fileno(),
-                stdout=theirs.fileno(),
-                stderr=self._messages,
-                start_new_session=True,
-            )
+            words = ["relay", "--quiet", f"--workers={addresses}"]
+            self._child = programs.start(words, theirs.fileno(), theirs.fileno(), self._messages)
             self.core = _core.Relay(ours.detach())
         _all.add(self)
 
@@ -61,16 +55,9 @@ class _Relay:
     def end(self, at_once: bool = True) -> Error | None:
         """Returns the error with which it has ended by itself, if it has."""
         self.core.close()
-        if at_once:
-            self._child.terminate()
+        in_time = programs.end(self._child, interrupt=at_once)
         with self._messages:
-            try:
-                self._child.wait(timeout=5)
-            except subprocess.TimeoutExpired:
-                self._child.kill()
-                self._child.wait()
-                return None
-            if self._child.returncode == 0:
+            if not in_time or self._child.returncode == 0:
                 return None
             said = self._messages_from(0).decode("utf-8", "replace")
             return programs.error_of("relay", self._child.returncode, programs.logged(said, False))
@@ -163,7 +150,7 @@ def addresses_of(workers: Workers) -> str:
     several = [workers] if isinstance(workers, (str, os.PathLike)) else workers
     if isinstance(several, (list, tuple)) and all(isinstance(one, (str, os.PathLike)) for one in several):
         addresses = [address.strip() for one in several for address in str(os.fspath(one)).split(",")]
-        if addresses and all(addresses) and "\0" not in "".join(addresses):
+        if addresses and all(addresses):
             return ",".join(addresses)
     raise InvalidInput(f"workers {workers!r}: they are an address, as 'host:50051' or 'unix:/run/w', or a list of some")
 

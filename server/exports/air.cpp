@@ -11,11 +11,9 @@ namespace {
 constexpr double kAir = 2e-3, kTouch = 1e-4, kRays = 8.9e-5;
 
 double size_of(const Mesh& mesh) {
-  double largest = 0;
-  for (const Vec3f v : mesh.vertices) {
-    for (const float one : {v.x, v.y, v.z}) largest = std::max<double>(largest, std::abs(one));
-  }
-  return largest + 1;
+  const Bounds box = bounds(mesh);
+  return 1 +
+         double{std::max({-box.min.x, -box.min.y, -box.min.z, box.max.x, box.max.y, box.max.z})};
 }
 
 // Along one direction.

@@ -17,6 +17,7 @@
 #include "server/scene_compiler/field_reader.h"
 #include "server/scene_compiler/scene_builder.h"
 #include "server/tracer/geometry/corner_normals.h"
+#include "server/tracer/lights/lamp.h"
 #include "server/tracer/phase/phase_function.h"
 #include "server/tracer/scene/scene.h"
 
@@ -575,12 +576,10 @@ class Writer {
     place(emitter, "vector", "direction", -normalize(light.direction));
     colour(emitter, "irradiance", coloured(i, light.irradiance));
   }
-  // Intensities are in W/sr, over m^2.
-  static constexpr double kSquareMmPerSquareMetre = 1e6;
   void add_light(size_t i, const tracer::PointLight& light) {
     const Node emitter = plugin(root_, "emitter", "point");
     place(emitter, "point", "position", light.position);
-    colour(emitter, "intensity", coloured(i, light.intensity * kSquareMmPerSquareMetre));
+    colour(emitter, "intensity", coloured(i, light.intensity * tracer::kSquareMmPerSquareM));
   }
   void add_light(size_t i, const tracer::SpotLight& light) {
     leave(fmt::format("lights[{}]: how it fades between its two angles differs", i));
@@ -590,7 +589,7 @@ class Writer {
     look_at(emitter, light.position, light.target, is_steep ? Vec3d{1, 0, 0} : Vec3d{0, 1, 0});
     number(emitter, "beam_width", light.inner_angle / kRadiansPerDegree);
     number(emitter, "cutoff_angle", light.outer_angle / kRadiansPerDegree);
-    colour(emitter, "intensity", coloured(i, light.intensity * kSquareMmPerSquareMetre));
+    colour(emitter, "intensity", coloured(i, light.intensity * tracer::kSquareMmPerSquareM));
   }
   void add_light(size_t i, const tracer::SphereLight& light) {
     const Node shape = plugin(root_, "shape", "sphere");

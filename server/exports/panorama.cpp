@@ -5,6 +5,7 @@
 #include <numbers>
 #include <string>
 
+#include "common/angle.h"
 #include "common/part_cache.h"
 #include "server/tracer/lights/lights.h"
 
@@ -42,9 +43,7 @@ int columns_for(const std::vector<tracer::LightDescription>& lights) {
 
 // The direction of a place in a panorama, in parts of its width and height.
 Vec3f direction_of(double u, double v) {
-  const double azimuth = 2 * std::numbers::pi * u, theta = std::numbers::pi * v;
-  return static_cast<Vec3f>(Vec3d{std::sin(theta) * std::sin(azimuth), std::cos(theta),
-                                  -std::sin(theta) * std::cos(azimuth)});
+  return static_cast<Vec3f>(direction_at(360 * u, 90 - 180 * v));
 }
 
 // Mitsuba's panoramas have their first row at v = 0 and their last one at v = 1.

@@ -25,9 +25,6 @@ from renderer_setup import MITSUBA, enter_virtual_environment
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
-TILE = 8
-FAMILY_WISE = 1e-3  # probability that a scene fails by chance
-
 BOARD = """
 <shape type="rectangle">
   <transform name="to_world"><rotate x="1" angle="-90"/><scale value="4"/></transform>
@@ -124,7 +121,7 @@ enter_virtual_environment(ARGUMENTS.venv, MITSUBA, "numpy")
 
 import mitsuba as mi  # noqa: E402
 import numpy as np  # noqa: E402
-from welch import largest_by_chance, z_of_difference  # noqa: E402
+from tiles import agree, tiles  # noqa: E402
 
 mi.set_variant("scalar_rgb")
 
@@ -132,13 +129,6 @@ mi.set_variant("scalar_rgb")
 def run(*command):
     return subprocess.run([ARGUMENTS.itn, *command], check=True, text=True,
                           stdout=subprocess.PIPE).stdout
-
-
-def tiles(image):
-    """Means of the tiles, and of all pixels."""
-    height, width = (size // TILE * TILE for size in image.shape)
-    cut = image[:height, :width].reshape(height // TILE, TILE, width // TILE, TILE)
-    return np.append(cut.mean(axis=(1, 3)).ravel(), image.mean())
 
 
 def ours(scene, folder):
@@ -165,20 +155,8 @@ def theirs(scene):
                      for seed in range(ARGUMENTS.repetitions)])
 
 
-def agree(scene, folder):
-    print(f"{scene.name}:")
-    a, b = ours(scene, folder), theirs(scene)
-    noisy = (a.std(axis=0) > 0) | (b.std(axis=0) > 0)  # others show one light and nothing else
-    alike = bool(np.all(np.abs(a[0] - b[0])[~noisy] <= 1e-5 * a[0, -1]))
-    scores = z_of_difference(b[:, noisy], a[:, noisy])
-    limit = largest_by_chance(len(scores), FAMILY_WISE)
-    means = [runs[:, -1].mean() for runs in (a, b)]
-    error = np.hypot(*(runs[:, -1].std(ddof=1) / np.sqrt(len(runs)) for runs in (a, b)))
-    print(f"mean: itn {means[0]:.6f}, Mitsuba {means[1]:.6f}; difference "
-          f"{100 * (means[1] / means[0] - 1):+.3f} % +- {100 * error / means[0]:.3f} %; of "
-          f"{len(scores)} comparisons, the largest |z| is {np.abs(scores).max():.2f}; chance alone "
-          f"exceeds {limit:.2f} once in {1 / FAMILY_WISE:.0f} runs")
-    return alike and bool(np.all(np.abs(scores) < limit))  # false for NaN
+def check(scene, folder):
+    return agree(scene.name, ours(scene, folder), theirs(scene))
 
 
 def main():
@@ -190,7 +168,7 @@ def main():
             for scene, text in SCENES.items():
                 (folder / f"{scene}.xml").write_text(text, encoding="ascii")
             scenes = [folder / f"{scene}.xml" for scene in SCENES]
-        if not all([agree(scene, folder) for scene in scenes]):
+        if not all([check(scene, folder) for scene in scenes]):
             print("DISAGREEMENT between itn and Mitsuba", file=sys.stderr)
             sys.exit(1)
 

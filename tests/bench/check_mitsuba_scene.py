@@ -21,8 +21,6 @@ import tempfile
 from renderer_setup import MITSUBA, enter_virtual_environment
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-TILE = 8
-FAMILY_WISE = 1e-3  # probability that a scene fails by chance
 
 
 def parse_arguments():
@@ -51,7 +49,7 @@ import numpy as np  # noqa: E402
 
 sys.path.insert(0, str(ROOT / "build/release/python"))
 import itn  # noqa: E402
-from welch import largest_by_chance, z_of_difference  # noqa: E402
+from tiles import agree, tiles  # noqa: E402
 
 mi.set_variant("scalar_rgb")
 
@@ -207,15 +205,7 @@ def plain(value):
     return [plain(held) for held in value] if isinstance(value, list) else value
 
 
-def tiles(image):
-    """Means of the tiles, and of all pixels, of each channel."""
-    channels = np.atleast_3d(image).astype(float)
-    height, width = (size // TILE * TILE for size in channels.shape[:2])
-    cut = channels[:height, :width].reshape(height // TILE, TILE, width // TILE, TILE, -1)
-    return np.append(cut.mean(axis=(1, 3)).ravel(), channels.mean(axis=(0, 1)))
-
-
-def agree(name, described, medium, folder):
+def check(name, described, medium, folder):
     ours_of = itn.scene(plain(described))
     medium = {"sigma_t": 3, "albedo": 0.85, **medium}
     file = folder / "scene.xml"
@@ -226,25 +216,13 @@ def agree(name, described, medium, folder):
     for seed in range(ARGUMENTS.repetitions):
         a.append(tiles(itn.render(ours_of, **medium, spp=ARGUMENTS.spp, seed=seed).image))
         b.append(tiles(np.array(mi.render(theirs_of, seed=seed, spp=ARGUMENTS.spp))[..., :channels]))
-    a, b = np.array(a), np.array(b)
-    noisy = (a.std(axis=0) > 1e-5 * a.mean()) | (b.std(axis=0) > 1e-5 * a.mean())
-    alike = bool(np.all(np.abs(a[0] - b[0])[~noisy] <= 1e-4 * a[0, -1]))  # these show one light and nothing else
-    scores = z_of_difference(b[:, noisy], a[:, noisy])
-    limit = largest_by_chance(len(scores), FAMILY_WISE)
-    whole = slice(a.shape[1] - channels, None)
-    print(
-        f"{name}: means of itn {np.round(a[:, whole].mean(axis=0), 5)}, of Mitsuba {np.round(b[:, whole].mean(axis=0), 5)}, "
-        f"of {len(scores)} comparisons the largest |z| is {np.abs(scores).max():.2f}; chance alone exceeds {limit:.2f} once "
-        f"in {1 / FAMILY_WISE:.0f} runs" + ("" if alike else "; pixels without noise differ"),
-        flush=True,
-    )
-    return alike and bool(np.all(np.abs(scores) < limit))  # false for NaN
+    return agree(name, a, b, channels, rounding=1e-5, alike=1e-4)
 
 
 def main():
     chosen = {name: what for name, what in SCENES.items() if re.search(ARGUMENTS.scenes, name)}
     with tempfile.TemporaryDirectory() as name:
-        if not all([agree(scene_name, *what, pathlib.Path(name)) for scene_name, what in chosen.items()]):
+        if not all([check(scene_name, *what, pathlib.Path(name)) for scene_name, what in chosen.items()]):
             print("DISAGREEMENT between itn and Mitsuba", file=sys.stderr)
             sys.exit(1)
 
